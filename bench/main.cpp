@@ -3,6 +3,7 @@
 // one fails, 2 if the measurement could not run.
 #include <CLI/CLI.hpp>
 #include <algorithm>
+#include <charconv>
 #include <cmath>
 #include <cstdio>
 #include <fstream>
@@ -126,9 +127,18 @@ int main(int argc, char** argv) {
   app.add_option("--minutes", context.minutes,
                  "Stop rows over random motions after this time; their n is what they reached")
       ->check(CLI::Range(0.01, 1e5));
+  // CLI11 takes numbers with a leading zero for octal.
+  const auto decimal = [](std::string& text) {
+    int number = 0;
+    const auto [end, failure] = std::from_chars(text.data(), text.data() + text.size(), number);
+    if (failure != std::errc() || end != text.data() + text.size()) return "'" + text + "' is not a whole number";
+    text = std::to_string(number);
+    return std::string();
+  };
   std::vector<int> cases;
   app.add_option("--cases", cases, "First and last case of rows over random motions, to divide them among processes")
       ->expected(2)
+      ->transform(CLI::Validator(decimal, ""))
       ->check(CLI::Range(1, 1000000));
   app.add_flag("--list", list, "List all rows");
   app.add_option("--suite", suite, "The rows of bench/accuracy/suites/NAME.yaml: ci, full")->excludes("--only");

@@ -9,6 +9,7 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
+#include "core/base/shell.h"
 #include "core/decode/advice.h"
 #include "core/depth/depth.h"
 #include "core/io/json_text.h"
@@ -584,7 +585,7 @@ std::vector<std::string> commands_of(const Report& report) {
                     (advice.exposures.size() > 1 ? " --exposures " + list_of(advice.exposures, ",") : "") +
                     " --out patterns");
   if (!report.is_scene) return lines;
-  std::string run = "fringeslam run " + report.path;
+  std::string run = "fringeslam run " + shell_word(report.path);
   if (named)
     run += " --with 'patterns=" + design_yaml(advice.coding.design, advice.exposures) + "'";
   else if (advice.exposures.size() > 1)

@@ -10,6 +10,7 @@
 #include "core/io/setting_groups.h"
 #include "core/rig/dataset.h"
 #include "core/rig/rig_file.h"
+#include "tools/output_file.h"
 #include "tools/report/noise_report.h"
 #include "tools/verbs.h"
 
@@ -52,6 +53,7 @@ int calibrate(const CalibrateNoiseArguments& arguments, const Common& common) {
   } catch (const Error& e) {
     throw Error(arguments.datasets.front() + ": " + e.what());
   }
+  require_not_an_input(arguments.out, {arguments.datasets.begin(), arguments.datasets.end()});
   StagedFolder folder(arguments.out, "camera noise");
   const SensorModel before = rig.sensor;
   rig.sensor = noise.sensor;

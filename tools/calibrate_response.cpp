@@ -12,6 +12,7 @@
 #include "core/patterns/waveform.h"
 #include "core/rig/dataset.h"
 #include "core/rig/rig_file.h"
+#include "tools/output_file.h"
 #include "tools/report/plot.h"
 #include "tools/verbs.h"
 
@@ -170,6 +171,7 @@ int calibrate(const CalibrateResponseArguments& arguments, const Common& common)
   if (!sequence.inverse_response.empty())
     throw Error(arguments.dataset +
                 ": its patterns are already corrected by an inverse response; capture uncorrected ones");
+  require_not_an_input(arguments.out, {arguments.dataset});
   StagedFolder folder(arguments.out, "response");
   RigModel rig = replay.model();
   Response response;

@@ -13,6 +13,7 @@
 #include "core/rig/dataset.h"
 #include "core/rig/rig_file.h"
 #include "tools/board_file.h"
+#include "tools/output_file.h"
 #include "tools/progress.h"
 #include "tools/report/calibration_page.h"
 #include "tools/report/coverage.h"
@@ -157,6 +158,7 @@ int calibrate(const CalibrateRigArguments& arguments, const Common& common) {
       throw Error(arguments.dataset + ": " + e.what() + "; rig calibration needs patterns in both axes");
     }
   }
+  require_not_an_input(arguments.out, {arguments.dataset, arguments.board});
   StagedFolder folder(arguments.out, "calibration");
   std::vector<BoardView> views;
   std::vector<cv::Mat1f> textures;

@@ -17,6 +17,7 @@
 #include "core/rig/rig_file.h"
 #include "core/types/trajectory.h"
 #include "tools/board_file.h"
+#include "tools/output_file.h"
 #include "tools/progress.h"
 #include "tools/source.h"
 #include "tools/verbs.h"
@@ -121,6 +122,7 @@ int calibrate(const CalibrateStageArguments& arguments, const Common& common) {
   RigModel rig = replay.model();
   const PixelRays rays = pixel_rays(rig.camera);
   const Triangulation triangulation(rig, rays, settings.depth.near_m, settings.depth.far_m);
+  require_not_an_input(arguments.out, {arguments.dataset, arguments.board, pose_file});
   StagedFolder folder(arguments.out, "stage calibration");
   std::vector<StageView> views;
   std::vector<cv::Point2f> last_corners;

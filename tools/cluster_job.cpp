@@ -73,12 +73,14 @@ std::string submit_to_slurm(const ClusterJob& job) {
   std::string command = quoted(fs::read_symlink("/proc/self/exe").string()) + " --quiet";
   for (const std::string& argument : job.arguments) command += " " + quoted(argument);
   // Running a task twice is harmless, so it may be requeued if its node fails.
-  write_text(out / "slurm.sh", "#!/bin/bash\n#SBATCH --job-name=fringeslam\n#SBATCH --array=0-" +
-                                   std::to_string(job.tasks - 1) + "\n#SBATCH --cpus-per-task=" + cpus +
-                                   "\n#SBATCH --requeue\n#SBATCH --open-mode=append\n#SBATCH --output=\"" +
-                                   (logs / "%a.log").string() + "\"\nexec " + command + " --out " +
-                                   quoted(out.string()) + " --jobs " + cpus + " --shard $SLURM_ARRAY_TASK_ID/" +
-                                   std::to_string(job.tasks) + "\n");
+  StagedFile script(out / "slurm.sh");
+  write_text(script.path(), "#!/bin/bash\n#SBATCH --job-name=fringeslam\n#SBATCH --array=0-" +
+                                std::to_string(job.tasks - 1) + "\n#SBATCH --cpus-per-task=" + cpus +
+                                "\n#SBATCH --requeue\n#SBATCH --open-mode=append\n#SBATCH --output=\"" +
+                                (logs / "%a.log").string() + "\"\nexec " + command + " --out " + quoted(out.string()) +
+                                " --jobs " + cpus + " --shard $SLURM_ARRAY_TASK_ID/" + std::to_string(job.tasks) +
+                                "\n");
+  script.commit();
   return job_number(answer_of("sbatch --parsable " + quoted((out / "slurm.sh").string())));
 }
 

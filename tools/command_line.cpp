@@ -6,7 +6,10 @@
 #include <charconv>
 #include <cmath>
 #include <cstdio>
+#include <limits>
+#include <string_view>
 
+#include "core/types/error.h"
 #include "tools/man_page.h"
 
 namespace fringeslam::tools {
@@ -57,6 +60,43 @@ OptionHelp help_of(const CLI::Option& option) {
   return help;
 }
 
+// Accepts decimal digits and rewrites them in their shortest form, because CLI11 takes a leading zero for octal and 0x for
+// hexadecimal.
+template <class Integer>
+CLI::Validator decimal() {
+  const auto shorten = [](std::string& text) {
+    Integer value = 0;
+    const auto [end, failure] = std::from_chars(text.data(), text.data() + text.size(), value);
+    if (failure != std::errc() || end != text.data() + text.size())
+      return "'" + text + "' is not a whole number from " + std::to_string(std::numeric_limits<Integer>::min()) +
+             " to " + std::to_string(std::numeric_limits<Integer>::max());
+    text = std::to_string(value);
+    return std::string();
+  };
+  return CLI::Validator(shorten, "");
+}
+
+constexpr const char* kEmptyValue = "is empty; give it a value or leave it out";
+
+// Throws if `--out=` is given, for which CLI11 would use the next argument.
+void refuse_equals_without_value(int argc, char** argv) {
+  for (int i = 1; i < argc && std::string_view(argv[i]) != "--"; ++i) {
+    const std::string_view word = argv[i];
+    if (word.starts_with("--") && word.find('=') == word.size() - 1)
+      throw CLI::ValidationError(std::string(word.substr(0, word.size() - 1)), kEmptyValue);
+  }
+}
+
+// Throws if a value is empty, such as that of a script's unset variable: the verbs would take it for one that is not given.
+void refuse_empty_values(const CLI::App& app) {
+  for (const CLI::Option* option : app.get_options()) {
+    const std::vector<std::string>& values = option->results();
+    if (option->get_type_size() != 0 && std::find(values.begin(), values.end(), "") != values.end())
+      throw CLI::ValidationError(option->get_name(), kEmptyValue);
+  }
+  for (const CLI::App* subcommand : app.get_subcommands()) refuse_empty_values(*subcommand);
+}
+
 }  // namespace
 
 Option Option::required() const { return Option(option_->required()); }
@@ -73,21 +113,17 @@ Option Option::check_range(double low, double high) const {
   return Option(option_->check(CLI::Range(low, high))->check(CLI::Validator(is_number, "")));
 }
 
-Option Option::check_non_negative() const {
-  const auto check = [](const std::string& text) {
-    uint64_t value = 0;
-    const auto [end, failure] = std::from_chars(text.data(), text.data() + text.size(), value);
-    const bool valid = failure == std::errc() && end == text.data() + text.size();
-    return valid ? std::string() : "'" + text + "' is not a whole number from 0 to 18446744073709551615";
-  };
-  return Option(option_->check(CLI::Validator(check, "NUMBER")));
-}
+Option Option::check_non_negative() const { return Option(option_->check(decimal<uint64_t>().description("NUMBER"))); }
 
 Option Option::check_one_of(const std::vector<std::string>& values) const {
   return Option(option_->check(CLI::IsMember(values)));
 }
 
-Option Option::check_existing_file() const { return Option(option_->check(CLI::ExistingFile)); }
+Option Option::check_existing_file() const {
+  // An empty name is refused like that of any other option.
+  const auto check = [](const std::string& text) { return text.empty() ? std::string() : CLI::ExistingFile(text); };
+  return Option(option_->check(CLI::Validator(check, "FILE")));
+}
 
 Option Option::expected(int least, int most) const { return Option(option_->expected(least, most)); }
 
@@ -124,11 +160,11 @@ Option Command::add_option(const std::string& name, std::string& value, const st
 }
 
 Option Command::add_option(const std::string& name, int& value, const std::string& help) const {
-  return Option(app_->add_option(name, value, help));
+  return Option(app_->add_option(name, value, help)->transform(decimal<int>()));
 }
 
 Option Command::add_option(const std::string& name, uint64_t& value, const std::string& help) const {
-  return Option(app_->add_option(name, value, help));
+  return Option(app_->add_option(name, value, help)->transform(decimal<uint64_t>()));
 }
 
 Option Command::add_option(const std::string& name, double& value, const std::string& help) const {
@@ -136,11 +172,11 @@ Option Command::add_option(const std::string& name, double& value, const std::st
 }
 
 Option Command::add_option(const std::string& name, std::optional<int>& value, const std::string& help) const {
-  return Option(app_->add_option(name, value, help));
+  return Option(app_->add_option(name, value, help)->transform(decimal<int>()));
 }
 
 Option Command::add_option(const std::string& name, std::optional<uint64_t>& value, const std::string& help) const {
-  return Option(app_->add_option(name, value, help));
+  return Option(app_->add_option(name, value, help)->transform(decimal<uint64_t>()));
 }
 
 Option Command::add_option(const std::string& name, std::vector<std::string>& value, const std::string& help) const {
@@ -200,11 +236,13 @@ CommandLine::~CommandLine() = default;
 
 std::optional<int> CommandLine::parse(int argc, char** argv) {
   try {
+    refuse_equals_without_value(argc, argv);
     app_->parse(argc, argv);
+    refuse_empty_values(*app_);
   } catch (const CLI::ParseError& e) {
     if (e.get_exit_code() == 0) return app_->exit(e);  // --help, --version, --man
     const std::string program = app_->get_name();
-    std::fprintf(stderr, "%s: %s; see %s --help\n", program.c_str(), e.what(), program.c_str());
+    std::fprintf(stderr, "%s: %s; see %s --help\n", program.c_str(), single_line(e.what()).c_str(), program.c_str());
     return 2;
   }
   return std::nullopt;

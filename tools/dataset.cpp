@@ -20,8 +20,10 @@
 #include "core/base/bounded_queue.h"
 #include "core/io/image_library.h"
 #include "core/types/error.h"
+#include "sim/scene/scene_files.h"
 #include "tools/cluster_job.h"
 #include "tools/interrupt.h"
+#include "tools/output_file.h"
 #include "tools/progress.h"
 #include "tools/verbs.h"
 
@@ -148,6 +150,21 @@ int work(const DatasetArguments& arguments) {
   return 0;
 }
 
+// Opens the dataset's folder. Throws Error like DatasetFolder, or if files that are written again in it belong to the
+// specification. A copy of the specification is written to dataset.yaml, which may be the specification itself.
+DatasetFolder opened_folder(const DatasetArguments& arguments, const Spec& spec) {
+  const std::string identity = check_spec(spec);
+  std::vector<fs::path> inputs = spec.rigs;
+  inputs.push_back(spec.file);
+  for (const fs::path& scene : spec.scenes) {
+    const std::vector<fs::path> files = sim::named_files(scene);
+    inputs.insert(inputs.end(), files.begin(), files.end());
+  }
+  for (const char* name : {"dataset.json", "index.csv", "refused.csv", "README.md", "croissant.json", "SHA256SUMS"})
+    require_not_an_input(fs::path(arguments.out) / name, inputs);
+  return {arguments.out, spec, identity, FRINGESLAM_VERSION};
+}
+
 struct Outcome {
   size_t samples = 0, refused = 0;
   std::string failure;                // of the machine, such as a full disk: rendering stops
@@ -188,7 +205,7 @@ Outcome render(const Spec& spec, const DatasetFolder& folder, ShardWork& work, c
 int generate(const DatasetArguments& arguments, const Common& common) {
   const Spec spec = read_spec(arguments.spec);
   const studies::Shard shard = studies::shard_of(arguments.shard);
-  const DatasetFolder folder(arguments.out, spec, check_spec(spec), FRINGESLAM_VERSION);
+  const DatasetFolder folder = opened_folder(arguments, spec);
   catch_interrupts();
   ShardWork work = work_of(folder, shard);
   const auto start = std::chrono::steady_clock::now();
@@ -231,16 +248,16 @@ int check(const DatasetArguments& arguments, const Common& common) {
   const Spec spec = read_spec(arguments.spec);
   (void)check_spec(spec);
   const std::vector<Tar> tars = tars_of(spec);
-  print_result(common,
-               {{"dataset", spec.name}, {"samples", spec.samples}, {"worlds", spec.worlds}, {"tars", tars.size()}},
-               spec.name + ": " + std::to_string(spec.samples) + " samples of " + std::to_string(spec.worlds) +
-                   " worlds in " + std::to_string(tars.size()) + " tar files; the specification is valid");
+  print_result(
+      common, {{"dataset", spec.name}, {"samples", spec.samples}, {"worlds", spec.worlds}, {"tars", tars.size()}},
+      single_line(spec.name) + ": " + std::to_string(spec.samples) + " samples of " + std::to_string(spec.worlds) +
+          " worlds in " + std::to_string(tars.size()) + " tar files; the specification is valid");
   return 0;
 }
 
 int submit(const DatasetArguments& arguments, const Common& common) {
   const Spec spec = read_spec(arguments.spec);
-  const DatasetFolder folder(arguments.out, spec, check_spec(spec), FRINGESLAM_VERSION);
+  const DatasetFolder folder = opened_folder(arguments, spec);
   const std::string job = submit_to_slurm({{"dataset", fs::absolute(spec.file).string()},
                                            arguments.out,
                                            std::min(arguments.tasks, static_cast<int>(folder.tars().size())),

@@ -15,6 +15,7 @@
 #include "core/io/npy.h"
 #include "core/io/setting_groups.h"
 #include "core/rig/dataset.h"
+#include "tools/output_file.h"
 #include "tools/progress.h"
 #include "tools/verbs.h"
 
@@ -157,6 +158,7 @@ int decode_dataset(const DecodeArguments& arguments, const Common& common) {
   } catch (const Error& e) {
     throw Error(arguments.dataset + ": " + e.what());
   }
+  require_not_an_input(arguments.out, {arguments.dataset});
   StagedFolder folder(arguments.out, "decoded");
   nlohmann::ordered_json stacks = nlohmann::ordered_json::array();
   {

@@ -33,7 +33,11 @@ Verb add_effects(Command app, const Common& common) {
         throw Error("--set " + set + ": has no effect on this image; give render.key=value, see `run --help`");
     }
     const Settings settings = parse_settings(arguments->sets);
-    const sim::Scene scene = sim::load_scene(scene_file(arguments->scene));
+    std::vector<std::filesystem::path> files;
+    sim::SceneLoadOptions reading;
+    reading.files = &files;
+    const sim::Scene scene = sim::load_scene(scene_file(arguments->scene), reading);
+    require_not_an_input(arguments->out, files);
     write_png(arguments->out, effects_picture(scene, settings.render));
     print_result(common, {{"written", arguments->out}}, "written: " + arguments->out);
     return 0;

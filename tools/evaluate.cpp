@@ -17,10 +17,12 @@
 #include "core/score/trajectory_file.h"
 #include "core/score/trajectory_score.h"
 #include "sim/scene/data_folder.h"
+#include "sim/scene/scene_files.h"
 #include "tools/bag/bag.h"
 #include "tools/evaluation_dataset.h"
 #include "tools/interrupt.h"
 #include "tools/map_truth.h"
+#include "tools/output_file.h"
 #include "tools/progress.h"
 #include "tools/shell.h"
 #include "tools/verbs.h"
@@ -158,7 +160,9 @@ class Evaluation {
       const auto dataset = evaluation_dataset(wanted, arguments_.format, common_);
       if (!dataset || interrupted()) return false;
       if (!arguments_.again && is_done(suite, wanted.name, dataset->hash)) continue;
-      const Result result = run_on(suite, wanted.name, *dataset);
+      std::vector<fs::path> inputs = sim::named_files(sim::scene_file(wanted.scene));
+      inputs.insert(inputs.end(), arguments_.suites.begin(), arguments_.suites.end());
+      const Result result = run_on(suite, wanted.name, *dataset, inputs);
       if (result.end == evaluation::to_string(ProcessEnd::interrupted)) return false;
       evaluation::add_result(out_, result);
       if (!common_.quiet && !common_.json) print(result);
@@ -190,8 +194,11 @@ class Evaluation {
     });
   }
 
-  Result run_on(const evaluation::Suite& suite, const std::string& name, const EvaluationDataset& dataset) {
-    StagedFolder staged(out_ / "outputs" / arguments_.name / suite.name / name, "system output");
+  Result run_on(const evaluation::Suite& suite, const std::string& name, const EvaluationDataset& dataset,
+                const std::vector<fs::path>& inputs) {
+    const fs::path output = out_ / "outputs" / arguments_.name / suite.name / name;
+    require_not_an_input(output, inputs);
+    StagedFolder staged(output, "system output");
     const fs::path folder = staged.path(), out = folder / "out";
     fs::create_directories(out);
     const evaluation::ProcessLimits limits = limits_of(suite);
@@ -227,11 +234,12 @@ class Evaluation {
   }
 
   static void print(const Result& r) {
+    const std::string message = single_line(r.message);  // may quote the system's log
     if (r.has_trajectory())
       std::fprintf(stderr, "%s/%s: %d of %d views, ATE %.3g mm, %.1f s%s%s\n", r.suite.c_str(), r.dataset.c_str(),
-                   r.poses, r.views, 1e3 * r.ate_m, r.seconds, r.message.empty() ? "" : "; ", r.message.c_str());
+                   r.poses, r.views, 1e3 * r.ate_m, r.seconds, message.empty() ? "" : "; ", message.c_str());
     else
-      std::fprintf(stderr, "%s/%s: %s: %s\n", r.suite.c_str(), r.dataset.c_str(), r.end.c_str(), r.message.c_str());
+      std::fprintf(stderr, "%s/%s: %s: %s\n", r.suite.c_str(), r.dataset.c_str(), r.end.c_str(), message.c_str());
   }
 
   const EvaluateArguments& arguments_;

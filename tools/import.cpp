@@ -7,6 +7,7 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
+#include <set>
 
 #include "core/calibrate/camera_noise.h"
 #include "core/calibrate/response.h"
@@ -204,8 +205,19 @@ void print_imported(const std::string& out, int stacks, size_t images, const Rig
   }
 }
 
+// The description, the files that it names, and the folders of the images.
+std::vector<fs::path> inputs_of(const ImportPlan& plan) {
+  std::set<fs::path> inputs(plan.named_files.begin(), plan.named_files.end());
+  inputs.insert(plan.config);
+  for (const std::vector<fs::path>& stack : plan.stacks) {
+    for (const fs::path& image : stack) inputs.insert(image.parent_path());
+  }
+  return {inputs.begin(), inputs.end()};
+}
+
 int import_images(ImportPlan plan, const std::string& out, const std::optional<RigModel>& calibration, bool check,
                   const Common& common) {
+  require_not_an_input(out, inputs_of(plan));
   const size_t stacks = plan.stacks.size(), images = plan.sequence.patterns.size();
   const std::string name = plan.rig.name, board_yaml = plan.board_yaml;
   const bool image_times = plan.has_image_times();
@@ -230,7 +242,7 @@ int import_images(ImportPlan plan, const std::string& out, const std::optional<R
   }
   folder.commit();
   const RigModel& model = rig.model();
-  for (const std::string& warning : noise.warnings) std::fprintf(stderr, "warning: %s\n", warning.c_str());
+  for (const std::string& warning : noise.warnings) std::fprintf(stderr, "warning: %s\n", single_line(warning).c_str());
   print_imported(out, static_cast<int>(stacks), images, model,
                  noise.measured ? to_json(*noise.measured) : nlohmann::ordered_json(noise.summary), noise.summary,
                  common);
@@ -272,7 +284,7 @@ int import_bag(const fs::path& file, const fs::path& config, const std::string& 
   StagedFolder unpacked(out, "dataset");
   const std::vector<std::string> warnings = unpack_bag(file, read_bag_selection(config), unpacked.path());
   const int status = import_images(read_import(config, unpacked.path(), true), out, calibration, check, common);
-  for (const std::string& warning : warnings) std::fprintf(stderr, "warning: %s\n", warning.c_str());
+  for (const std::string& warning : warnings) std::fprintf(stderr, "warning: %s\n", single_line(warning).c_str());
   return status;
 }
 
@@ -296,7 +308,7 @@ Verb add_import(Command app, const Common& common) {
     const fs::path source(a->folder), config(a->config);
     std::optional<RigModel> calibration;
     if (!a->rig.empty()) calibration = read_rig(fs::path(a->rig));
-    require_not_an_input(a->out, {source});
+    require_not_an_input(a->out, {source, config, a->rig});
     if (fs::is_regular_file(source)) return import_bag(source, config, a->out, calibration, !a->unchecked, common);
     return import_images(read_import(config.empty() ? source / kImportFile : config, source), a->out, calibration,
                          !a->unchecked, common);

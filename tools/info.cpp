@@ -111,7 +111,7 @@ Verb add_info(Command app, const Common& common) {
     } else {
       for (const auto& [key, value] : json.items())
         std::printf("%-18s %s\n", key.c_str(),
-                    value.is_string() ? value.get<std::string>().c_str() : json_text(value).c_str());
+                    single_line(value.is_string() ? value.get<std::string>() : json_text(value)).c_str());
     }
     return 0;
   };

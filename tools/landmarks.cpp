@@ -10,6 +10,7 @@
 #include "core/mapper/driver.h"
 #include "core/rig/dataset.h"
 #include "tools/landmark_files.h"
+#include "tools/output_file.h"
 #include "tools/progress.h"
 #include "tools/report/landmark_pictures.h"
 #include "tools/source.h"
@@ -48,6 +49,7 @@ int landmarks(const LandmarksArguments& arguments, const Common& common) {
   settings.pipeline.tracking.landmarks = LandmarkViews::every_frame;
   settings.pipeline.mapping.every_view = true;
   const auto source = open_source(arguments.source, arguments.variant, settings, sets_any_of(arguments.sets, "render"));
+  require_not_an_input(arguments.out, source->inputs());
   StagedFolder folder(arguments.out, "landmarks");
   const auto rig = source->open(folder.path());
   const PipelineOptions& options = settings.pipeline;

@@ -17,6 +17,7 @@
 #include "core/rig/rig_file.h"
 #include "core/storage/map_file.h"
 #include "core/storage/map_journal.h"
+#include "tools/output_file.h"
 #include "tools/progress.h"
 #include "tools/saved_map.h"
 #include "tools/settings.h"
@@ -85,6 +86,7 @@ int merge(const MergeArguments& arguments, const Common& common) {
   const RigModel rig = read_rig(rig_file);
   const auto load = [&](const fs::path& file) { return open_map(file, rig, settings.pipeline.mapping); };
   const KeyframeMap a = load(file_a), b = load(file_b);
+  require_not_an_input(arguments.out, {file_a, file_b, rig_file});
   StagedFolder folder(arguments.out, "merge");
   const auto keyframes_of_b = static_cast<int>(b.keyframes().size());
   Progress progress("comparing keyframes", keyframes_of_b, common.quiet || common.json);

@@ -9,6 +9,7 @@
 #include "core/rig/rig_file.h"
 #include "core/types/error.h"
 #include "sim/scene/scene.h"
+#include "tools/output_file.h"
 #include "tools/source.h"
 #include "tools/verbs.h"
 
@@ -68,16 +69,19 @@ SequenceDesign design_of(const PatternsArguments& arguments, const cv::Size& siz
   return design;
 }
 
-PatternSequence sequence_of(const PatternsArguments& arguments) {
+// Adds the files that are read to `inputs`.
+PatternSequence sequence_of(const PatternsArguments& arguments, std::vector<fs::path>& inputs) {
   const int sources = !arguments.rig.empty() + !arguments.size.empty() + !arguments.scene.empty();
   if (sources != 1)
     throw Error("patterns: give the projector's size by one of --rig RIG.yaml, --size WxH or --scene SCENE");
   if (arguments.linearise && arguments.rig.empty()) throw Error("--linearise: needs --rig for the response to invert");
   if (!arguments.scene.empty()) {
-    const fs::path path(arguments.scene);
-    return sim::load_scene(scene_file(path)).patterns;
+    sim::SceneLoadOptions reading;
+    reading.files = &inputs;
+    return sim::load_scene(scene_file(arguments.scene), reading).patterns;
   }
   if (!arguments.size.empty()) return design_sequence(design_of(arguments, read_size(arguments.size)));
+  inputs.emplace_back(arguments.rig);
   const RigModel rig = read_rig(arguments.rig);
   PatternSequence sequence = design_sequence(design_of(arguments, {rig.projector.width, rig.projector.height}));
   if (arguments.linearise) {
@@ -138,7 +142,9 @@ std::string write_packed(const PatternSequence& sequence, const std::string& ord
 }
 
 int write_patterns(const PatternsArguments& arguments, const Common& common) {
-  const PatternSequence sequence = sequence_of(arguments);
+  std::vector<fs::path> inputs;
+  const PatternSequence sequence = sequence_of(arguments, inputs);
+  require_not_an_input(arguments.out, inputs);
   StagedFolder folder(arguments.out, "patterns");
   const bool packed = !arguments.pack.empty();
   const std::string lines =

@@ -1,5 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // fringeslam render SCENE --out DATASET [--format tum-rgbd|euroc|rosbag]
+#include <cmath>
+#include <cstdint>
 #include <cstdio>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -69,6 +71,12 @@ Verb add_render(Command app, const Common& common) {
     const Settings settings = parse_settings(arguments->sets);
     const auto source =
         open_source(arguments->scene, arguments->variant, settings, sets_any_of(arguments->sets, "render"));
+    require_not_an_input(arguments->out, source->inputs());
+    const double deepest_m = UINT16_MAX / arguments->rgbd.units_per_m, far_m = source->model().far_m;
+    if ((arguments->format == "tum-rgbd" || arguments->format == "euroc") && deepest_m < far_m)
+      throw Error("--depth-scale: at " + to_text(arguments->rgbd.units_per_m) + " units per meter, 16 bits end at " +
+                  to_text(deepest_m) + " m, but the rig's working range ends at " + to_text(far_m) +
+                  " m; specify at most " + to_text(std::floor(UINT16_MAX / far_m)));
     if (arguments->format != "fringes") {
       const int images = write_views(arguments->format, *source, settings, arguments->rgbd, arguments->out, common);
       print_result(common, {{"dataset", arguments->out}, {"stacks", images}}, "dataset: " + arguments->out);
@@ -78,7 +86,6 @@ Verb add_render(Command app, const Common& common) {
       if (option.count() > 0)
         throw Error("render: " + option.get_name() + " has no effect without --format tum-rgbd, euroc or rosbag");
     }
-    require_not_an_input(arguments->out, {arguments->scene});
     StagedFolder folder(arguments->out, "dataset");
     const auto rig = source->open(folder.path());
     RecordingRig recording(*rig, folder.path());

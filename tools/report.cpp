@@ -3,6 +3,7 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 
+#include "core/io/files.h"
 #include "core/types/error.h"
 #include "tools/output_file.h"
 #include "tools/report/html_report.h"
@@ -26,6 +27,11 @@ Verb add_report(Command app, const Common& common) {
     if (!fs::is_directory(run)) throw Error(run.string() + ": is not a run folder");
     const fs::path out = arguments->out.empty() ? run / "report.html" : fs::path(arguments->out);
     require_extension(out, ".html");
+    std::vector<fs::path> inputs;
+    for (const auto& entry : fs::recursive_directory_iterator(run)) {
+      if (lower_extension(entry.path()) != ".html") inputs.push_back(entry.path());
+    }
+    require_not_an_input(out, inputs);
     write_report(run, out);
     print_result(common, {{"report", out.string()}, {"bytes", fs::file_size(out)}}, "written: " + out.string());
     return 0;

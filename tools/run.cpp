@@ -24,6 +24,7 @@
 #include "tools/live/live_mapper.h"
 #include "tools/live/live_option.h"
 #include "tools/mappable.h"
+#include "tools/output_file.h"
 #include "tools/progress.h"
 #include "tools/report/animation.h"
 #include "tools/report/html_report.h"
@@ -193,11 +194,12 @@ fs::path name_for_incomplete(const fs::path& folder) {
   return name;
 }
 
-// Lets an incomplete result appear beside an older one, which may be complete.
-void keep_older_result(StagedFolder& folder) {
+// Lets an incomplete result appear beside an older one, which may be complete. Returns false if there is none.
+bool keep_older_result(StagedFolder& folder) {
   std::error_code unknown;
-  if (fs::is_empty(folder.target(), unknown) || unknown) return;
+  if (fs::is_empty(folder.target(), unknown) || unknown) return false;
   folder.redirect(name_for_incomplete(folder.target()));
+  return true;
 }
 
 // Returns one line about the phases that failed. Files of the result are named in `out` instead of `staged`.
@@ -241,15 +243,19 @@ int run(const RunArguments& arguments, const Common& common) {
   }
   std::string out = arguments.out.empty() ? "runs/" + file_name(source->name()) + "-" + std::to_string(source->seed())
                                           : arguments.out;
-  StagedFolder folder(out, "run", {kMapFile});
+  const std::vector<std::string> preserved = {kMapFile};
+  const fs::path map = arguments.map.empty() ? fs::path() : map_file(arguments.map);
+  std::vector<fs::path> inputs = source->inputs();
+  inputs.insert(inputs.end(), {map, arguments.rig});
+  require_not_an_input(out, inputs, preserved);
+  StagedFolder folder(out, "run", preserved);
   report_left_maps(folder.target());
   const auto rig = source->open(folder.path());
   // The world frame of a new map is the robot's frame at the first stack.
-  auto pipeline =
-      arguments.map.empty()
-          ? std::make_unique<Pipeline>(rig->model(), source->sequence(), settings.pipeline, Pose{})
-          : std::make_unique<Pipeline>(open_map(map_file(arguments.map), rig->model(), settings.pipeline.mapping),
-                                       source->sequence(), settings.pipeline);
+  auto pipeline = arguments.map.empty()
+                      ? std::make_unique<Pipeline>(rig->model(), source->sequence(), settings.pipeline, Pose{})
+                      : std::make_unique<Pipeline>(open_map(map, rig->model(), settings.pipeline.mapping),
+                                                   source->sequence(), settings.pipeline);
   ThermalObserver thermal(rig->model(), settings.pipeline.thermal);
   std::optional<ImageTrajectory> images;
   if (arguments.image_poses) images.emplace(rig->model(), source->sequence(), settings.image_poses);
@@ -266,12 +272,13 @@ int run(const RunArguments& arguments, const Common& common) {
                                                                          .stacks = planned,
                                                                          .maps = true});
   std::optional<BackgroundRig> camera;
-  if (arguments.real_time) camera.emplace(*rig, source->sequence(), kWaitingStacks, Pace::timestamps);
+  if (arguments.real_time) camera.emplace(*rig, source->sequence(), kWaitingStacks, Pace::timestamps, interrupted);
   const auto dropped = [&] { return camera ? camera->dropped() : 0; };
   RateLimiter rate(arguments.live_rate_hz);
   Emptiness emptiness;
   RunPhases phases(folder.path(), common.quiet || common.json);
   int mapped = 0;
+  bool all_mapped = false;
   double last_time_s = 0;
   catch_interrupts();
   {
@@ -280,7 +287,10 @@ int run(const RunArguments& arguments, const Common& common) {
     Driver driver(stacks, *pipeline, camera ? kViewsAhead : Driver::kAhead);
     while (!interrupted() && (arguments.views == 0 || mapped < arguments.views)) {
       const std::optional<MappedView> view = driver.next();
-      if (!view) break;
+      if (!view) {
+        all_mapped = !interrupted();
+        break;
+      }
       const auto& [stack, result] = *view;
       if (mapped > 0 && !(stack.timestamp_s > last_time_s))
         throw Error(arguments.source + ": stack " + std::to_string(stack.index) + ": its timestamp_s, " +
@@ -307,6 +317,7 @@ int run(const RunArguments& arguments, const Common& common) {
       rate.wait();
       ++mapped;
     }
+    all_mapped = all_mapped || mapped == arguments.views;
   }
   // The camera would go on capturing into the run folder.
   const int dropped_stacks = dropped();
@@ -363,8 +374,9 @@ int run(const RunArguments& arguments, const Common& common) {
     phases.run("report", {"report.html"}, [&] { write_report(folder.path(), folder.path() / "report.html"); });
 #endif
   const fs::path staged = folder.path();
-  if (!phases.failures().empty()) {
-    keep_older_result(folder);
+  std::string unchanged;
+  if (!phases.left_out().empty() || !phases.failures().empty() || !all_mapped) {
+    if (keep_older_result(folder)) unchanged = "; the older result in " + out + " is unchanged";
     out = folder.target().string();
   }
   folder.commit();
@@ -379,7 +391,7 @@ int run(const RunArguments& arguments, const Common& common) {
     json["score"] = score ? to_json(*score) : nlohmann::ordered_json();
     std::printf("%s\n", json_text(json, 2).c_str());
   } else {
-    if (score) std::printf("%s\n", to_table(*score).c_str());
+    if (score) print_text(to_table(*score));
     const char* look = kHasReport && !arguments.no_report ? "report.html" : "overview.png";
     if (phases.left_out().empty())
       std::printf("written: %s  (see %s/%s)\n", out.c_str(), out.c_str(), look);
@@ -390,7 +402,7 @@ int run(const RunArguments& arguments, const Common& common) {
   const std::string failure = phases.failures().empty() ? "" : failure_text(phases, staged, out);
   if (interrupted()) {
     std::fprintf(stderr, "%s\n",
-                 (failure.empty() ? kept_text(mapped, planned, phases.left_out())
+                 (failure.empty() ? kept_text(mapped, planned, phases.left_out()) + unchanged
                                   : "interrupted after " + std::to_string(mapped) + " of " + std::to_string(planned) +
                                         " views; " + failure)
                      .c_str());

@@ -276,7 +276,7 @@ std::string statistics_table(const TrajectoryScore& score) {
 }
 
 std::string to_table(const RunScore& score) {
-  std::string text = format("%s, seed %llu: %d of %d views tracked\n\n", score.name.c_str(),
+  std::string text = format("%s, seed %llu: %d of %d views tracked\n\n", single_line(score.name).c_str(),
                             static_cast<unsigned long long>(score.seed), score.tracked, score.stacks);
   if (!score.pairs.empty())
     text +=

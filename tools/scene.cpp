@@ -29,7 +29,7 @@ int list(const fs::path& folder, const Common& common) {
   Json json = Json::array();
   for (const auto& [scene, description] : list_scenes(folder)) {
     json.push_back({{"scene", scene.string()}, {"description", description}});
-    if (!common.json) std::printf("%-36s %s\n", scene.string().c_str(), description.c_str());
+    if (!common.json) std::printf("%-36s %s\n", single_line(scene.string()).c_str(), single_line(description).c_str());
   }
   if (common.json) std::printf("%s\n", json_text(json, 2).c_str());
   return 0;
@@ -57,8 +57,8 @@ int check(const fs::path& path, std::optional<uint64_t> seed, const Common& comm
                 json_text(Json{{"scene", scene.name}, {"views", views}, {"warnings", result.warnings}}, 2).c_str());
     return 0;
   }
-  for (const std::string& note : scene.notes) std::printf("%s\n", note.c_str());
-  std::printf("%s, seed %llu: %zu objects, %zu views\n", scene.name.c_str(),
+  for (const std::string& note : scene.notes) std::printf("%s\n", single_line(note).c_str());
+  std::printf("%s, seed %llu: %zu objects, %zu views\n", single_line(scene.name).c_str(),
               static_cast<unsigned long long>(scene.seed), scene.objects.size(), result.views.size());
   std::printf("%-8s %10s %10s %10s %10s\n", "", "surface %", "lit %", "in range %", "overlap %");
   for (size_t i = 0; i < result.views.size(); ++i) {
@@ -66,7 +66,7 @@ int check(const fs::path& path, std::optional<uint64_t> seed, const Common& comm
     std::printf("view %-3zu %10.1f %10.1f %10.1f %10.1f\n", i, 100 * view.surface, 100 * view.lit, 100 * view.in_range,
                 100 * view.overlap);
   }
-  for (const std::string& warning : result.warnings) std::printf("warning: %s\n", warning.c_str());
+  for (const std::string& warning : result.warnings) std::printf("warning: %s\n", single_line(warning).c_str());
   return 0;
 }
 
@@ -100,8 +100,8 @@ int assess(const fs::path& path, std::optional<uint64_t> seed, const Common& com
   const sim::Scene scene = sim::load_scene(scene_file(path), {seed});
   sim::SensorView sensor(scene);
   if (!common.json)
-    std::printf("%-8s %8s %9s %11s %9s %10s %10s %10s %8s\n", scene.name.c_str(), "time s", "in range %", "measured %",
-                "sigma um", "overlap %", "bound um", "bound mrad", "px/image");
+    std::printf("%-8s %8s %9s %11s %9s %10s %10s %10s %8s\n", single_line(scene.name).c_str(), "time s", "in range %",
+                "measured %", "sigma um", "overlap %", "bound um", "bound mrad", "px/image");
   Json views = Json::array();
   assess_difficulty(scene, sensor, kMostAssessed, [&](const ViewDifficulty& view) {
     if (common.json)

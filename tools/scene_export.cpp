@@ -31,7 +31,7 @@ int export_scene(const SceneExportArguments& arguments, const Common& common) {
   reading.files = &files;
   const sim::Scene scene = sim::load_scene(scene_file(arguments.scene), reading);
   require_not_an_input(arguments.out, files);
-  const sim::MeshExport written = sim::export_mesh(scene, arguments.out);
+  const sim::MeshExport written = sim::export_mesh(scene, arguments.out, files);
   print_result(common,
                {{"written", arguments.out},
                 {"objects", written.objects},

@@ -2,17 +2,21 @@
 // fringeslam scene new NAME --from TEMPLATE
 // fringeslam scene generate SCENE --count N --out FOLDER
 #include <cstdio>
-#include <fstream>
-#include <iterator>
+#include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
-#include <regex>
+#include <optional>
+#include <set>
 
 #include "core/io/files.h"
+#include "core/io/input_file.h"
 #include "core/io/yaml.h"
+#include "core/io/yaml_guard.h"
 #include "tools/authoring/mesh_scene.h"
+#include "tools/output_file.h"
 #include "tools/progress.h"
 #include "tools/scene_verbs.h"
+#include "tools/shell.h"
 #include "tools/source.h"
 
 namespace fringeslam::tools {
@@ -21,53 +25,88 @@ namespace fs = std::filesystem;
 
 namespace {
 
-std::string read_text(const fs::path& file) {
-  std::ifstream in(file, std::ios::binary);
-  return {std::istreambuf_iterator<char>(in), {}};
-}
+// Returns the path of a file, without links in that of its folder.
+fs::path located(const fs::path& file) { return fs::weakly_canonical(file.parent_path()) / file.filename(); }
 
-// Adapts relative paths to files outside the template's folder to the new folder. Comments are left unchanged.
-std::string with_moved_paths(const std::string& text, const fs::path& from, const fs::path& to) {
-  static const std::regex word("#[^\\n]*|\"[^\"\\n]*\"|'[^'\\n]*'|[^\\s\\[\\]{},:#\"']+");
-  std::string result;
-  auto rest = text.cbegin();
-  for (std::sregex_iterator it(text.begin(), text.end(), word), end; it != end; ++it) {
-    std::string found = it->str(), quote;
-    result.append(rest, (*it)[0].first);
-    rest = (*it)[0].second;
-    if (found.size() > 2 && (found[0] == '"' || found[0] == '\'')) {
-      quote = found[0];
-      found = found.substr(1, found.size() - 2);
-    }
-    std::error_code ignored;
-    if (found.starts_with("../") && fs::is_regular_file(from / found, ignored))
-      found = fs::absolute(from / found)
-                  .lexically_normal()
-                  .lexically_relative(fs::absolute(to).lexically_normal())
-                  .string();
-    result += quote + found + quote;
+// A scene file, and its place and that of the other files of its folder in the folder of a copy, which need not exist.
+class SceneCopy {
+ public:
+  SceneCopy(const fs::path& scene, const fs::path& target)
+      : scene_(located(fs::absolute(scene))), target_(fs::weakly_canonical(fs::absolute(target))) {}
+
+  fs::path source() const { return scene_.parent_path(); }
+  // True for an entry of the folder that describes the template, or would have the name of the copied scene file.
+  bool leaves_out(const fs::path& entry) const {
+    return entry == scene_.filename() || entry == kSceneFile || entry == "README.md" || entry == "overview.png";
   }
-  return result.append(rest, text.cend());
-}
+  // Returns the contents of the scene file, with another name, and of the included files that are copied, by their paths
+  // in the new folder. Paths in them are changed where they would mean other files than before.
+  std::map<fs::path, std::string> texts(const std::string& name) const;
 
-std::string with_name(std::string text, const std::string& name) {
-  static const std::regex line("(^|\\n)name:[^\\n]*");
-  return std::regex_replace(text, line, "$1name: " + yaml_quoted(name), std::regex_constants::format_first_only);
+ private:
+  // Returns the place of the copy of a located file; empty if it is not copied.
+  fs::path copy_of(const fs::path& file) const {
+    if (file == scene_) return target_ / kSceneFile;
+    const fs::path inside = file.lexically_relative(source());
+    return *inside.begin() == ".." || leaves_out(inside) ? fs::path() : target_ / inside;
+  }
+  fs::path scene_, target_;
+};
+
+std::map<fs::path, std::string> SceneCopy::texts(const std::string& name) const {
+  constexpr size_t kMostFiles = 100, kLongestPath = 4096;
+  std::map<fs::path, std::string> texts;
+  std::vector<fs::path> left = {scene_};
+  bool named = false;
+  while (!left.empty()) {
+    const fs::path file = left.back(), copy = copy_of(file);
+    left.pop_back();
+    const auto [text, is_new] = texts.try_emplace(copy.lexically_relative(target_));
+    if (!is_new) continue;
+    if (texts.size() > kMostFiles) throw Error(file.string() + ": more than 100 included files");
+    const auto replacement = [&](const std::string& section, const std::string& value) -> std::optional<std::string> {
+      if (file == scene_ && section == "name") {
+        named = true;
+        return name;
+      }
+      if (value.empty() || value.front() == '/' || value.size() > kLongestPath) return std::nullopt;
+      const fs::path meant = file.parent_path() / value;
+      std::error_code ignored;
+      if (!fs::is_regular_file(meant, ignored)) return std::nullopt;
+      const fs::path found = located(meant), found_copy = copy_of(found);
+      const fs::path wanted = found_copy.empty() ? found : found_copy;
+      if (section == "include" && !found_copy.empty()) left.push_back(found);
+      if ((copy.parent_path() / value).lexically_normal() == wanted) return std::nullopt;
+      return wanted.lexically_relative(copy.parent_path()).string();
+    };
+    text->second = with_replaced_scalars(read_input(file, kMostYamlBytes), file.string(), replacement);
+  }
+  if (named) return texts;
+  // The name is that of an included file, which has to be overridden.
+  std::string& text = texts.at(kSceneFile);
+  text.insert(0, "name: " + yaml_quoted(name) + "\n");
+  try {
+    (void)YamlMap::parse(text, scene_.string());
+  } catch (const Error&) {
+    throw Error(scene_.string() + ": has no name that can be replaced; add a line such as 'name: template'");
+  }
+  return texts;
 }
 
 struct NewArguments {
   std::string name, from, mesh, in = "scenes";
 };
 
-// Returns a path unchanged; a bare name is taken relative to the folder of scenes.
+// Returns a path without a slash at its end; a bare name is taken relative to the folder of scenes.
 fs::path in_folder(const std::string& name, const fs::path& folder) {
-  return name.find('/') == std::string::npos ? folder / name : fs::path(name);
+  const fs::path path = name.find('/') == std::string::npos ? folder / name : fs::path(name);
+  return path.filename().empty() ? path.parent_path() : path;
 }
 
 int report_new(const fs::path& target, const Common& common) {
   print_result(common, {{"written", target.string()}},
                "written: " + target.string() + "\nedit " + (target / kSceneFile).string() +
-                   ", then: fringeslam scene check " + target.string());
+                   ", then: fringeslam scene check " + shell_word(target.string()));
   return 0;
 }
 
@@ -83,20 +122,19 @@ int new_scene(const NewArguments& arguments, const Common& common) {
   const fs::path file = scene_file(from);
   if (!fs::is_regular_file(file))
     throw Error(from.string() + ": contains no " + kSceneFile + "; `fringeslam scene list` lists scenes to start from");
-  fs::path target = in_folder(arguments.name, arguments.in);
-  if (target.filename().empty()) target = target.parent_path();
-  const std::string name = target.filename().string();
-  const fs::path source = file.parent_path();
-  const fs::path inside = fs::weakly_canonical(target).lexically_relative(fs::weakly_canonical(source));
+  const fs::path target = in_folder(arguments.name, arguments.in);
+  const SceneCopy copy(file, target);
+  const fs::path inside = fs::weakly_canonical(target).lexically_relative(copy.source());
   if (!inside.empty() && *inside.begin() != "..")
-    throw Error(target.string() + ": lies in the scene that is copied, " + source.string() + "; choose another place");
+    throw Error(target.string() + ": lies in the scene that is copied, " + copy.source().string() +
+                "; choose another place");
+  const std::map<fs::path, std::string> texts = copy.texts(target.filename().string());
   StagedFolder staged(target, "");
-  write_text(staged.path() / kSceneFile, with_name(with_moved_paths(read_text(file), source, target), name));
-  for (const auto& entry : fs::directory_iterator(source)) {
+  for (const auto& entry : fs::directory_iterator(copy.source())) {
     const fs::path part = entry.path().filename();
-    if (part == file.filename() || part == "README.md" || part == "overview.png") continue;
-    fs::copy(entry.path(), staged.path() / part, fs::copy_options::recursive);
+    if (!copy.leaves_out(part)) fs::copy(entry.path(), staged.path() / part, fs::copy_options::recursive);
   }
+  for (const auto& [path, text] : texts) write_text(staged.path() / path, text);
   staged.commit();
   return report_new(target, common);
 }
@@ -109,6 +147,7 @@ struct GenerateArguments {
 
 int generate(const GenerateArguments& arguments, const Common& common) {
   const fs::path file = scene_file(arguments.scene);
+  std::set<fs::path> inputs;  // that are checked
   StagedFolder staged(arguments.out, "scenes");
   {
     Progress progress("scenes", arguments.count, common.quiet || common.json);
@@ -117,7 +156,13 @@ int generate(const GenerateArguments& arguments, const Common& common) {
       char folder[32];
       std::snprintf(folder, sizeof folder, "%06llu", static_cast<unsigned long long>(seed));
       // Paths are written relative to the scene's final folder.
-      const sim::Scene scene = sim::load_scene(file, {seed, nullptr, fs::path(arguments.out) / folder});
+      sim::SceneLoadOptions reading{seed, nullptr, fs::path(arguments.out) / folder};
+      std::vector<fs::path> files;
+      reading.files = &files;
+      const sim::Scene scene = sim::load_scene(file, reading);
+      // The files may depend on what is drawn.
+      std::erase_if(files, [&](const fs::path& input) { return !inputs.insert(input).second; });
+      require_not_an_input(arguments.out, files);
       fs::create_directory(staged.path() / folder);
       write_text(staged.path() / folder / kSceneFile, scene.resolved);
       progress.step();

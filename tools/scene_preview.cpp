@@ -40,7 +40,11 @@ cv::Size size_of(const std::string& text) {
 int preview(const ScenePreviewArguments& arguments, const Common& common) {
   const cv::Size size = size_of(arguments.size);
   require_extension(arguments.out, ".png");
-  const sim::Scene scene = sim::load_scene(scene_file(arguments.scene), arguments.variant.reading());
+  std::vector<std::filesystem::path> files;
+  sim::SceneLoadOptions reading = arguments.variant.reading();
+  reading.files = &files;
+  const sim::Scene scene = sim::load_scene(scene_file(arguments.scene), reading);
+  require_not_an_input(arguments.out, files);
   write_png(arguments.out, sim::preview_picture(scene, size));
   print_result(common, {{"written", arguments.out}}, "written: " + arguments.out);
   return 0;

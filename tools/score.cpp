@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // fringeslam score RUN | TRAJECTORY --truth TRUTH | MAP.ply --truth TRUTH
+#include <algorithm>
 #include <cstdio>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -28,14 +29,15 @@ void print(const Common& common, const nlohmann::ordered_json& json, const std::
   std::fputs(common.json ? (json_text(json, 2) + "\n").c_str() : table.c_str(), stdout);
 }
 
-void score_run_folder(const ScoreArguments& arguments, const Common& common) {
+void score_run_folder(const ScoreArguments& arguments, bool with_statistics, const Common& common) {
   const fs::path folder = arguments.estimate;
   if (!fs::exists(folder / "truth" / "truth.tum"))
     throw Error(folder.string() + ": contains no truth/truth.tum, so it cannot be scored");
   if (!arguments.truth.empty())
     throw Error("score: a run folder is scored against its own ground truth; leave out --truth");
   const RunScore score = score_run(folder, arguments.options);
-  print(common, tools::to_json(score), to_table(score));
+  print(common, tools::to_json(score),
+        to_table(score) + (with_statistics ? statistics_table(score.trajectory) : std::string()));
 }
 
 // Names both files in errors that neither of them has by itself, such as times that do not match.
@@ -134,9 +136,10 @@ Verb add_score(Command app, const Common& common) {
           .check_range(1, 1000000000)
           .capture_default_str(),
       verb.add_flag("--all-pairs", options.all_pairs, "RPE from every frame instead of every delta-th frame")};
-  verb.add_option("--max-gap", options.max_gap_s, "Largest timestamp difference between associated poses, s")
-      .check_range(0.0, 1e9)
-      .capture_default_str();
+  const Option max_gap =
+      verb.add_option("--max-gap", options.max_gap_s, "Largest timestamp difference between associated poses, s")
+          .check_range(0.0, 1e9)
+          .capture_default_str();
   const std::vector<Option> of_map = {
       verb.add_option("--threshold", arguments->threshold_m, "Map: largest distance that counts as correct, m")
           .check_range(1e-9, 1e9)
@@ -145,19 +148,25 @@ Verb add_score(Command app, const Common& common) {
                       "Map: the system's trajectory; --align aligns it, and the map with it, to the true trajectory"),
       verb.add_option("--seed", arguments->seed, "Map: seed of the true scene; overrides the scene's")
           .check_non_negative()};
-  return [arguments, align, of_trajectory, of_map, &common] {
+  return [arguments, align, of_trajectory, max_gap, of_map, &common] {
     const bool is_run = fs::is_directory(arguments->estimate), is_map = !is_run && is_ply(arguments->estimate);
     for (const Option& option : is_map ? of_trajectory : of_map) {
       if (option.count() > 0)
         throw Error("score: " + option.get_name() + " has no effect on a " + (is_map ? "map" : "trajectory"));
     }
+    // The table of a run leaves out what these options change.
+    const bool shapes_statistics = align.count() > 0 || max_gap.count() > 0 ||
+                                   std::any_of(of_trajectory.begin(), of_trajectory.end(),
+                                               [](const Option& option) { return option.count() > 0; });
     if (!is_run && arguments->truth.empty())
       throw Error(std::string("score: a ") + (is_map ? "map needs its true surface: add --truth SCENE"
                                                      : "trajectory needs a true trajectory: add --truth FILE"));
     if (is_map && align.count() > 0 && arguments->options.align != Alignment::none && arguments->trajectory.empty())
       throw Error("score: a map is aligned by its system's trajectory: add --trajectory FILE");
+    if (is_map && max_gap.count() > 0 && arguments->trajectory.empty())
+      throw Error("score: --max-gap has no effect on a map without --trajectory");
     if (is_run)
-      score_run_folder(*arguments, common);
+      score_run_folder(*arguments, shapes_statistics, common);
     else if (is_map)
       score_map_file(*arguments, common);
     else

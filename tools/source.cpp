@@ -59,11 +59,11 @@ class SceneRig : public Rig {
 class SceneSource : public Source {
  public:
   SceneSource(const fs::path& file, const SceneVariant& variant, const Settings& settings)
-      : scene_(sim::load_scene(file, variant.reading())),
+      : scene_(loaded(file, variant.reading())),
         model_(sim::calibration_of(scene_)),
         settings_(settings),
         board_(file.parent_path() / kBoardFile) {
-    for (const std::string& note : scene_.notes) std::fprintf(stderr, "%s\n", note.c_str());
+    for (const std::string& note : scene_.notes) std::fprintf(stderr, "%s\n", single_line(note).c_str());
   }
   const std::string& name() const override { return scene_.name; }
   uint64_t seed() const override { return scene_.seed; }
@@ -86,6 +86,11 @@ class SceneSource : public Source {
     model_ = sim::calibration_of(scene_);
   }
   fs::path board_file() const override { return board_; }
+  std::vector<fs::path> inputs() const override {
+    std::vector<fs::path> all = files_;
+    all.push_back(board_);
+    return all;
+  }
 
   std::unique_ptr<Rig> open(const fs::path& folder) override {
     const fs::path truth = folder / "truth";
@@ -97,6 +102,12 @@ class SceneSource : public Source {
   }
 
  private:
+  sim::Scene loaded(const fs::path& file, sim::SceneLoadOptions reading) {
+    reading.files = &files_;
+    return sim::load_scene(file, reading);
+  }
+
+  std::vector<fs::path> files_;  // of the scene; before it, because they are listed while it is loaded
   sim::Scene scene_;
   RigModel model_;
   Settings settings_;
@@ -132,6 +143,7 @@ class DatasetSource : public Source {
       throw Error(folder_.string() + ": its images have lens distortion; add --distorted to keep it");
   }
   fs::path board_file() const override { return folder_ / kBoardFile; }
+  std::vector<fs::path> inputs() const override { return {folder_}; }
 
   std::unique_ptr<Rig> open(const fs::path& folder) override {
     if (info_.has_truth) link_input_folder(folder_ / "truth", folder / "truth");

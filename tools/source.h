@@ -47,6 +47,8 @@ class Source {
   virtual void undistort() = 0;
   // Path of the board file of a calibration scene or dataset; need not exist.
   virtual std::filesystem::path board_file() const = 0;
+  // Files and folders that the source reads, which the verb must not replace; some need not exist.
+  virtual std::vector<std::filesystem::path> inputs() const = 0;
   // Returns the rig and writes the files that document the images' origin (render.yaml, truth/) into `folder`.
   virtual std::unique_ptr<Rig> open(const std::filesystem::path& folder) = 0;
 };

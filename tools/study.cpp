@@ -13,11 +13,14 @@
 #include "bench/studies/summary.h"
 #include "bench/studies/tables.h"
 #include "bench/studies/workers.h"
+#include "core/base/shell.h"
 #include "core/io/files.h"
 #include "core/io/json_text.h"
 #include "core/types/error.h"
+#include "sim/scene/scene_files.h"
 #include "tools/cluster_job.h"
 #include "tools/interrupt.h"
+#include "tools/output_file.h"
 #include "tools/progress.h"
 #include "tools/verbs.h"
 #if FRINGESLAM_REPORT
@@ -48,8 +51,17 @@ struct StudyArguments {
 constexpr const char* kStudyFile = "study.yaml";
 constexpr int kWorst = 10;  // minimum number of worst trials in summary.json; more if --worst is larger
 
+// Throws Error if files that are written again in the results folder belong to the study.
+void check_results_folder(const Study& study, const fs::path& folder) {
+  std::vector<fs::path> inputs = sim::named_files(study.scene);
+  inputs.push_back(study.file);
+  for (const char* name : {"results.jsonl", "results.csv", "results.sqlite", "summary.json", "report.html"})
+    require_not_an_input(folder / name, inputs);
+}
+
 // Returns the number of missing trials.
 int merge(const Study& study, const fs::path& folder, const Common& common) {
+  check_results_folder(study, folder);
   const auto lines = merged_lines(folder, study);
   write_tables(folder, study, lines);
   const int missing = study.trials - static_cast<int>(lines.size());
@@ -108,8 +120,10 @@ void tell(const Study& study, const std::map<int, std::string>& lines, const Stu
           const Common& common, bool print) {
   const Summary summary = summarise(study, lines, std::max(kWorst, arguments.worst));
   const nlohmann::ordered_json json = to_json(summary);
-  write_text(fs::path(arguments.out) / "summary.json", json_text(json, 1) + "\n");
-  if (print) std::printf("%s\n", common.json ? json_text(json, 2).c_str() : to_text(summary).c_str());
+  StagedFile file(fs::path(arguments.out) / "summary.json");
+  write_text(file.path(), json_text(json, 1) + "\n");
+  file.commit();
+  if (print) print_text(common.json ? json_text(json, 2) : to_text(summary));
   std::fflush(stdout);
   const std::string written = write_page(study, lines, summary, arguments);
   if (!common.json && !common.quiet) std::printf("%s\n", written.c_str());
@@ -120,6 +134,7 @@ int run(const StudyArguments& arguments, const Common& common) {
   check_study(study);
   const Shard shard = shard_of(arguments.shard);
   const fs::path folder = arguments.out;
+  check_results_folder(study, folder);
   ShardFile results(folder, study, shard);
   if (!fs::exists(folder / kStudyFile)) write_text(folder / kStudyFile, read_bytes(study.file));
   const std::vector<int> missing = results.missing();
@@ -176,6 +191,7 @@ int run(const StudyArguments& arguments, const Common& common) {
 }
 
 int report(const Study& study, const StudyArguments& arguments, const Common& common) {
+  check_results_folder(study, arguments.out);
   catch_interrupts();
   tell(study, merged_lines(arguments.out, study), arguments, common, true);
   return 0;
@@ -191,9 +207,8 @@ int replay(const StudyArguments& arguments, const Common& common) {
   if (common.json)
     std::printf("%s\n", line.c_str());
   else
-    std::printf("%s\n\nto run it with all output files:\n  %s --out runs/trial-%d\n",
-                json_text(nlohmann::ordered_json::parse(line), 2).c_str(), command_of(study, trial).c_str(),
-                arguments.trial);
+    print_text(json_text(nlohmann::ordered_json::parse(line), 2) + "\n\nto run it with all output files:\n  " +
+               command_of(study, trial) + " --out runs/trial-" + std::to_string(arguments.trial));
   return 0;
 }
 
@@ -207,7 +222,7 @@ int submit(const StudyArguments& arguments, const Common& common) {
   if (!arguments.wait) {
     print_result(common, {{"job", job}, {"folder", arguments.out}},
                  "job " + job + ": squeue -j " + job + " shows its state; when it has ended: fringeslam study merge " +
-                     arguments.study + " --out " + arguments.out);
+                     shell_word(arguments.study) + " --out " + shell_word(arguments.out));
     return 0;
   }
   wait_for_slurm(job);
@@ -220,8 +235,8 @@ int submit(const StudyArguments& arguments, const Common& common) {
 int check(const Study& study, const Common& common) {
   check_study(study);
   print_result(common, {{"study", study.name}, {"trials", study.trials}, {"parameters", study.parameters.size()}},
-               study.name + ": " + std::to_string(study.trials) + " trials of " + study.scene.string() + ", " +
-                   std::to_string(study.parameters.size()) + " parameters; the study file is valid");
+               single_line(study.name) + ": " + std::to_string(study.trials) + " trials of " + study.scene.string() +
+                   ", " + std::to_string(study.parameters.size()) + " parameters; the study file is valid");
   return 0;
 }
 

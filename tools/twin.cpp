@@ -12,6 +12,7 @@
 #include "core/io/files.h"
 #include "core/io/json_text.h"
 #include "core/rig/dataset.h"
+#include "tools/output_file.h"
 #include "tools/progress.h"
 #include "tools/report/pictures.h"
 #include "tools/verbs.h"
@@ -115,6 +116,7 @@ int run_twin(const TwinArguments& arguments, const Common& common) {
     throw Error(arguments.dataset + ": its rig is not calibrated; run fringeslam calibrate rig");
   auto stack = replay.capture(replay.sequence());
   if (!stack) throw Error(arguments.dataset + ": has no stacks");
+  require_not_an_input(arguments.out, {arguments.dataset});
   StagedFolder folder(arguments.out, "twin");
   fs::create_directories(folder.path() / "scene");
   twin::Twin made;

@@ -18,7 +18,10 @@ struct Common {
   bool quiet = false;  // no progress
 };
 
-// Prints a verb's result: the JSON document with --json, otherwise the line unless --quiet is set.
+// Prints lines on standard output, without control characters. Names from files in them must be on a single_line().
+void print_text(const std::string& lines);
+
+// Prints a verb's result: the JSON document with --json, otherwise the line, like print_text(), unless --quiet is set.
 void print_result(const Common& common, const nlohmann::ordered_json& document, const std::string& line);
 
 // Adds an option whose value is one of an enum's choices.

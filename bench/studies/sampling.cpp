@@ -112,13 +112,17 @@ void read_sampling(const YamlMap& map, Sampling& sampling) {
 
 void blame_entry(const Sampling& sampling, const Error& error) {
   const std::string message = error.what();
-  const auto blame = [&](const std::string& name, const std::string& where) {
-    const std::string key = name.substr(name.rfind('.') + 1);
-    if (message.find("'" + key + "'") != std::string::npos || message.find(name) != std::string::npos)
-      throw Error(where + name + ": " + message);
+  const auto says = [&](const std::string& part) { return message.find(part) != std::string::npos; };
+  const auto blame_first = [&](const auto& is_named) {
+    const auto blame = [&](const auto& entry) {
+      if (is_named(entry.name)) throw Error(entry.where + entry.name + ": " + message);
+    };
+    for (const Parameter& parameter : sampling.parameters) blame(parameter);
+    for (const Fixed& fixed : sampling.fixed) blame(fixed);
   };
-  for (const Parameter& parameter : sampling.parameters) blame(parameter.name, parameter.where);
-  for (const Fixed& fixed : sampling.fixed) blame(fixed.name, fixed.where);
+  blame_first([&](const std::string& name) { return says("unknown key '" + name.substr(0, name.find('.')) + "'"); });
+  blame_first(
+      [&](const std::string& name) { return says("'" + name.substr(name.rfind('.') + 1) + "'") || says(name); });
 }
 
 std::string to_string(Parameter::Law law) {

@@ -6,6 +6,7 @@
 
 #include "bench/studies/trial_settings.h"
 #include "core/base/fnv.h"
+#include "core/base/shell.h"
 #include "core/io/files.h"
 #include "core/io/yaml.h"
 #include "sim/scene/cache.h"
@@ -83,11 +84,12 @@ std::string hash_text(const Study& study) {
 }
 
 std::string command_of(const Study& study, const Trial& trial) {
-  std::string command = "fringeslam run '" + study.scene.string() + "' --seed " + std::to_string(trial.world_seed);
+  std::string command =
+      "fringeslam run " + quoted(study.scene.string()) + " --seed " + std::to_string(trial.world_seed);
   if (study.views > 0) command += " --views " + std::to_string(study.views);
   for (const bool settings : {false, true}) {
     for (const auto& [name, value] : changes_of(study, trial, settings))
-      command += std::string(settings ? " --set '" : " --with '") + name + "=" + value + "'";
+      command += (settings ? " --set " : " --with ") + quoted(name + "=" + value);
   }
   return command;
 }

@@ -314,8 +314,8 @@ std::string rounded(double value) {
 
 std::string to_text(const Summary& summary) {
   const double rate = summary.trials > 0 ? static_cast<double>(summary.successes) / summary.trials : 0;
-  std::string text = summary.name + ": " + std::to_string(summary.trials) + " trials, " + percent(rate) + " succeed " +
-                     percent(summary.rate_95) + "\n";
+  std::string text = single_line(summary.name) + ": " + std::to_string(summary.trials) + " trials, " + percent(rate) +
+                     " succeed " + percent(summary.rate_95) + "\n";
   if (summary.missing > 0) text += std::to_string(summary.missing) + " trials are missing\n";
   for (const auto& [cause, count] : summary.causes) text += "  " + std::to_string(count) + " " + cause + "\n";
   text += "translation error, mm:";
@@ -326,13 +326,13 @@ std::string to_text(const Summary& summary) {
   }
   text += "\n\nshare of the variance of success explained by a parameter alone (and including interactions)\n";
   for (const ParameterSummary& parameter : summary.parameters) {
-    text += "  " + parameter.name + ": " + percent(parameter.of_success.first) + " " +
+    text += "  " + single_line(parameter.name) + ": " + percent(parameter.of_success.first) + " " +
             percent(parameter.of_success.first_95);
     if (std::isfinite(parameter.of_success.total))
       text += " (" + percent(parameter.of_success.total) + " " + percent(parameter.of_success.total_95) + ")";
     text += "\n";
     for (const Class& c : parameter.classes) {
-      const std::string label = c.label.empty() ? rounded(c.low) + " to " + rounded(c.high) : c.label;
+      const std::string label = c.label.empty() ? rounded(c.low) + " to " + rounded(c.high) : single_line(c.label);
       text += "    " + label + ": " + percent(c.trials > 0 ? static_cast<double>(c.successes) / c.trials : 0) + " " +
               percent(c.rate_95) + " of " + std::to_string(c.trials) + "\n";
     }
@@ -345,9 +345,10 @@ std::string to_text(const Summary& summary) {
       " " + percent(summary.envelope_95) + " of " + std::to_string(summary.envelope_trials) +
       " other trials succeed within\n";
   for (const ParameterSummary& parameter : summary.parameters) {
-    if (std::isfinite(parameter.safe_low)) text += "  " + parameter.name + " >= " + rounded(parameter.safe_low) + "\n";
+    if (std::isfinite(parameter.safe_low))
+      text += "  " + single_line(parameter.name) + " >= " + rounded(parameter.safe_low) + "\n";
     if (std::isfinite(parameter.safe_high))
-      text += "  " + parameter.name + " <= " + rounded(parameter.safe_high) + "\n";
+      text += "  " + single_line(parameter.name) + " <= " + rounded(parameter.safe_high) + "\n";
   }
   return text;
 }

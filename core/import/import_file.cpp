@@ -321,6 +321,7 @@ std::vector<Entry> read_entries(const YamlMap& map, const cv::Size& projector, c
                            "'projected' gives the patterns of this entry; remove it or '" + std::string(other) + "'");
       }
       entry.projected = projected_files(line, folder);
+      for (const fs::path& file : entry.projected) line.note_file(file);
       entry.patterns.resize(entry.projected.size());
     } else {
       entry.patterns = read_coding(line, entry.single, projector, entry.offset_rad);
@@ -451,7 +452,9 @@ void check_unused_images(const fs::path& stack, const std::vector<fs::path>& use
 // Looks for the file next to the YAML file and then among the images.
 fs::path calibration_file(const YamlMap& map, const std::string& name, const fs::path& folder) {
   for (const fs::path& candidate : {map.folder() / name, folder / name}) {
-    if (fs::is_regular_file(candidate)) return candidate;
+    if (!fs::is_regular_file(candidate)) continue;
+    map.note_file(candidate);
+    return candidate;
   }
   throw map.error("file", name + " is neither next to this file nor in " + folder.string());
 }
@@ -565,6 +568,7 @@ void read_noise_source(const YamlMap& map, const fs::path& folder, ImportCamera&
   if (camera.noise_file.empty())
     throw map.error("noise", "'noise' must be measured, default or a rig.yaml file; " + source +
                                  " is neither next to this file nor in " + folder.string());
+  map.note_file(camera.noise_file);
 }
 
 ImportCamera read_camera(const YamlMap& map, const fs::path& folder) {
@@ -621,6 +625,20 @@ std::string read_image_timing(const YamlMap& map, ImportPlan& plan) {
   return file;
 }
 
+// A camera takes the images of a stack one after another, and its stacks too.
+void check_image_interval(const YamlMap& map, bool interval_is_set, bool exposure_is_set, ImportPlan& plan) {
+  if (plan.image_interval_s <= 0) return;
+  constexpr double kRounding = 1 + 1e-9;
+  if (exposure_is_set && plan.exposure_s > kRounding * plan.image_interval_s)
+    throw map.error("exposure_s", "exposure_s exceeds image_interval_s; both are in seconds");
+  const double duration_s = static_cast<double>(plan.sequence.patterns.size()) * plan.image_interval_s;
+  if (interval_is_set && duration_s > kRounding * plan.interval_s)
+    throw map.error("interval_s", "the stacks overlap: " + std::to_string(plan.sequence.patterns.size()) +
+                                      " images at image_interval_s take " + to_text(duration_s) +
+                                      " s, more than interval_s; both are in seconds");
+  plan.interval_s = std::max(plan.interval_s, duration_s);
+}
+
 // Reads a text file: the middle of each exposure in seconds, in the order of the patterns. All stacks count from the same
 // origin, so each is later than the one before.
 std::vector<double> read_image_times(const fs::path& file, const ImportPlan& plan) {
@@ -638,13 +656,13 @@ std::vector<double> read_image_times(const fs::path& file, const ImportPlan& pla
   if (times_s.size() != plan.sequence.patterns.size())
     throw Error(file.string() + ": lists " + std::to_string(times_s.size()) + " times for " +
                 std::to_string(plan.sequence.patterns.size()) + " images; list one number per image");
+  std::vector<double> sorted_s = times_s;
+  std::sort(sorted_s.begin(), sorted_s.end());
   if (!plan.image_times_s.empty() &&
-      !(reference_time_s(plan.sequence, times_s) > reference_time_s(plan.sequence, plan.image_times_s.back())))
+      !(sorted_s.front() > *std::max_element(plan.image_times_s.back().begin(), plan.image_times_s.back().end())))
     throw Error(file.string() +
                 ": is not later than the stack before it; count the times of all stacks from the same origin, and list "
                 "the stacks in the order of time");
-  std::vector<double> sorted_s = times_s;
-  std::sort(sorted_s.begin(), sorted_s.end());
   if (std::adjacent_find(sorted_s.begin(), sorted_s.end()) != sorted_s.end())
     throw Error(file.string() + ": two images have the same time; correct the times");
   return times_s;
@@ -728,9 +746,11 @@ ImportPlan read_import(const fs::path& config, const fs::path& folder, bool unpa
   std::vector<Entry> entries = read_entries(map, projector, folder);
   const std::vector<std::string> ignored = map.has("ignore") ? map.texts("ignore") : std::vector<std::string>{};
   if (!unpacked_bag) stacks = stack_folders(map, folder);
+  const bool interval_is_set = map.has("interval_s"), exposure_is_set = map.has("exposure_s");
   map.finish();  // report misspelt keys before their consequences
   recognize_entries(entries, projector);
   plan.sequence = sequence_of(entries, projector, map);
+  check_image_interval(map, interval_is_set, exposure_is_set, plan);
   apply(waveform, plan);
   for (const Entry& entry : entries)
     plan.offset_rad.insert(plan.offset_rad.end(), entry.patterns.size(), entry.offset_rad);
@@ -745,6 +765,7 @@ ImportPlan read_import(const fs::path& config, const fs::path& folder, bool unpa
     if (plan.image_times_s.size() == 1 && plan.sequence.patterns.size() > 1)
       set_image_interval(median_interval_s(plan.image_times_s.front(), file), plan);
   }
+  plan.named_files = map.asked_files();
   return plan;
 }
 

@@ -50,7 +50,8 @@ struct ImportPlan {
   std::vector<std::vector<double>> image_times_s;          // middles of the exposures, per stack; empty: unknown
   bool has_image_times() const { return image_interval_s > 0 || !image_times_s.empty(); }
   double exposure_s = 0.01;
-  std::string board_yaml;  // content of the dataset's board.yaml; empty: none
+  std::string board_yaml;                          // content of the dataset's board.yaml; empty: none
+  std::vector<std::filesystem::path> named_files;  // by the description, beside the images of the stacks
 };
 
 // The fringe images of a ROS bag: section `bag:` of import.yaml.

@@ -14,6 +14,7 @@
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
+#include <random>
 #include <set>
 #include <sstream>
 #include <tuple>
@@ -34,6 +35,8 @@ constexpr const char* kMarkerFile = ".fringeslam";
 constexpr const char* kPartialMarker = ".fringeslam-partial";
 constexpr std::string_view kPartialSuffix = ".partial-";
 constexpr size_t kPartialLetters = 6;
+// Mode of a new temporary folder. The sticky bit tells it from a folder of the user before it has its marker.
+constexpr mode_t kPartialMode = S_ISVTX | S_IRWXU;
 // In a temporary folder: the replaced folder, on file systems that cannot exchange two folders.
 constexpr const char* kReplaced = ".replaced";
 // Beyond this number of files, the whole file system is synchronized instead of file after file.
@@ -139,7 +142,8 @@ void remove_partial(const fs::path& folder) {
 }
 
 // Locks a temporary folder if it is ours, marked, and its process is dead; -1: it is not. A folder without a marker is
-// removed if it is empty: its process died, or is about to notice, between creating and marking it.
+// removed if it has the mode of a new one and is empty: its process died, or is about to notice, between creating and
+// marking it. Any other folder is the user's.
 int lock_leftover(const fs::path& folder) {
   Descriptor lock(uninterrupted([&] { return open(folder.c_str(), O_RDONLY | O_DIRECTORY | O_NOFOLLOW | O_CLOEXEC); }));
   if (lock < 0) return -1;
@@ -150,7 +154,7 @@ int lock_leftover(const fs::path& folder) {
     if (errno == EWOULDBLOCK || errno == EINTR || !marked || is_owner_alive(folder)) return -1;
   }
   if (marked) return lock.release();
-  (void)rmdir(folder.c_str());
+  if ((status.st_mode & (S_ISVTX | 0777)) == kPartialMode) (void)rmdir(folder.c_str());
   return -1;
 }
 
@@ -388,17 +392,25 @@ int replace_in_two_steps(const fs::path& next, const fs::path& target, const fs:
   return error;
 }
 
+std::string random_letters() {
+  constexpr std::string_view kLetters = "0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz";
+  std::random_device random;
+  std::string letters;
+  for (size_t i = 0; i < kPartialLetters; ++i) letters += kLetters[random() % kLetters.size()];
+  return letters;
+}
+
 // Creates, locks and marks a folder next to `target`; returns its path and lock.
 std::pair<fs::path, int> create_marked_folder(const fs::path& target, std::string_view suffix) {
   constexpr int kAttempts = 100;
   for (int attempt = 0; attempt < kAttempts; ++attempt) {
-    std::string name = target.string() + std::string(suffix) + std::string(kPartialLetters, 'X');
-    if (!mkdtemp(name.data())) {
+    const fs::path path = target.string() + std::string(suffix) + random_letters();
+    if (mkdir(path.c_str(), kPartialMode) != 0) {
+      if (errno == EEXIST) continue;
       if (errno != ENAMETOOLONG) throw cannot(target, "written");
       throw Error(target.string() + ": the name is too long, because that of a temporary folder beside it has " +
                   std::to_string(suffix.size() + kPartialLetters) + " letters more; choose a shorter --out");
     }
-    const fs::path path = name;
     const int lock = uninterrupted([&] { return open(path.c_str(), O_RDONLY | O_DIRECTORY | O_CLOEXEC); });
     if (lock >= 0) {
       (void)uninterrupted([&] { return flock(lock, LOCK_EX); });
@@ -418,10 +430,26 @@ std::pair<fs::path, int> create_marked_folder(const fs::path& target, std::strin
     }
     // Another process removed the folder while it was empty and not locked.
   }
-  throw Error(target.string() + ": cannot be written: its temporary folder is removed again and again");
+  throw Error(target.string() + ": cannot be written: no temporary folder can be created beside it");
 }
 
 }  // namespace
+
+bool is_replaced_with(const fs::path& path, const fs::path& target, const std::vector<std::string>& preserved) {
+  if (!is_there(target / kMarkerFile)) return false;
+  std::error_code failed;
+  const fs::path folder = fs::weakly_canonical(target, failed), file = fs::weakly_canonical(path, failed);
+  const fs::path inside = file.lexically_relative(folder);
+  if (inside.empty() || *inside.begin() == "..") return false;
+  const Written old = written(folder);
+  const auto is_removed = [&](const fs::path& name) {
+    const std::string text = name.lexically_normal().generic_string();
+    return std::find(preserved.begin(), preserved.end(), text) == preserved.end() && !is_foreign(folder, old, text);
+  };
+  if (!fs::is_directory(file, failed)) return is_there(file) && is_removed(inside);
+  const std::vector<std::string> names = files_below(file);
+  return std::any_of(names.begin(), names.end(), [&](const std::string& name) { return is_removed(inside / name); });
+}
 
 PartialFolder::PartialFolder(const fs::path& target) {
   remove_leftovers_in(parent_of(target));
@@ -548,11 +576,21 @@ StagedFile::StagedFile(fs::path target) : target_(std::move(target)) {
   partial_.emplace(target_);
 }
 
-void StagedFile::commit() {
+std::vector<std::string> StagedFile::companions() const {
   std::vector<std::string> names = files_below(partial_->path());
   std::erase_if(names, [&](const std::string& name) { return name == kPartialMarker || name == target_.filename(); });
-  names.push_back(target_.filename().string());
+  return names;
+}
+
+void StagedFile::commit(const std::set<std::string>& replaceable) {
+  std::vector<std::string> names = companions();
   const fs::path folder = parent_of(target_);
+  for (const std::string& name : names) {
+    if (is_there(folder / name) && !replaceable.contains(name))
+      throw Error((folder / name).string() + ": exists and was not written with " + target_.filename().string() +
+                  ", but would be replaced; choose another --out or move it away");
+  }
+  names.push_back(target_.filename().string());
   for (const std::string& name : names) sync(partial_->path() / name, folder / name);
   for (const std::string& name : names) {
     const int error = rename_as(partial_->path() / name, folder / name, 0);
@@ -574,6 +612,19 @@ fs::path StagedFile::keep_unfinished() {
   return kept;
 }
 
+namespace {
+
+// Moves a new file to `target` when it is complete. A `mode` of 0 is that of new files.
+void replace_file(const fs::path& target, const fs::path& named, const std::string& text, mode_t mode) {
+  const PartialFolder partial(target);
+  const fs::path next = partial.path() / target.filename();
+  write_directly(next, named, text);
+  if (mode != 0) (void)chmod(next.c_str(), mode & 07777);
+  if (const int error = rename_as(next, target, 0); error != 0) throw cannot(named, "written", error);
+}
+
+}  // namespace
+
 void write_text(const fs::path& file, const std::string& text) {
   struct stat status {};
   if (stat(file.c_str(), &status) != 0) {
@@ -584,12 +635,11 @@ void write_text(const fs::path& file, const std::string& text) {
   if (status.st_mode != 0 && !S_ISREG(status.st_mode)) return write_directly(file, file, text);
   std::error_code ignored;
   const bool link = fs::is_symlink(file, ignored) && fs::exists(file, ignored);
-  const fs::path target = link ? fs::canonical(file, ignored) : file;
-  const PartialFolder partial(target);
-  const fs::path next = partial.path() / target.filename();
-  write_directly(next, file, text);
-  if (status.st_mode != 0) (void)chmod(next.c_str(), status.st_mode & 07777);
-  if (const int error = rename_as(next, target, 0); error != 0) throw cannot(file, "written", error);
+  replace_file(link ? fs::canonical(file, ignored) : file, file, text, status.st_mode);
+}
+
+void write_regular_file(const fs::path& file, const std::string& text) {
+  if (!write_new(file, text)) replace_file(file, file, text, 0);
 }
 
 std::string with_final_names(const std::string& text) {

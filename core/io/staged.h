@@ -8,6 +8,7 @@
 #include <filesystem>
 #include <memory>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -87,6 +88,11 @@ class StagedFolder {
   std::filesystem::path staging_;
 };
 
+// Returns true if replacing the folder `target` by a StagedFolder with these `preserved` files would remove `path`, or a file in it:
+// it lies in the folder, or is the folder, and the result that is replaced wrote it.
+bool is_replaced_with(const std::filesystem::path& path, const std::filesystem::path& target,
+                      const std::vector<std::string>& preserved = {});
+
 // File, with any accompanying files, that appears only when complete: all files are written under their final names
 // into a temporary folder next to the target. commit() moves them into the target's folder, the target last; the
 // destructor removes anything left over.
@@ -97,7 +103,13 @@ class StagedFile {
   StagedFile& operator=(const StagedFile&) = delete;
 
   std::filesystem::path path() const { return partial_->path() / target_.filename(); }
-  void commit();
+  // The file to be written, without links.
+  const std::filesystem::path& target() const { return target_; }
+  // Names of the accompanying files.
+  std::vector<std::string> companions() const;
+  // Throws Error, and changes nothing, if an accompanying file would replace a file that is not among `replaceable`, the
+  // names of those that belong to the target that is replaced.
+  void commit(const std::set<std::string>& replaceable = {});
   // Keeps an incomplete file as TARGET.unfinished, or with a number if that exists, and returns this name. Throws Error if that
   // fails.
   std::filesystem::path keep_unfinished();
@@ -109,6 +121,9 @@ class StagedFile {
 
 // Writes a file that appears, or replaces an existing one, only when complete. Devices and pipes are written to.
 void write_text(const std::filesystem::path& file, const std::string& text);
+
+// Like write_text(), but replaces a device, a pipe or a link instead of writing to it: for files that no user names.
+void write_regular_file(const std::filesystem::path& file, const std::string& text);
 
 // Returns `text` with the names of files in temporary folders replaced by the names they get when complete: messages
 // should not name a folder that no longer exists when they are read.

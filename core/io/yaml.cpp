@@ -29,6 +29,7 @@ struct AskedPath {
 };
 struct AskedPaths {
   std::vector<AskedPath> all;
+  std::vector<std::filesystem::path> noted;
   size_t relative = 0;           // number of entries already made relative
   std::filesystem::path folder;  // to this folder
 };
@@ -86,9 +87,13 @@ struct YamlMap::Node {
     return file_of(node) + (mark.is_null() ? "" : ":" + std::to_string(mark.line + 1)) + ": ";
   }
 
-  // Lookup without yaml-cpp's insertion of missing keys.
   YAML::Node find(const std::string& key) {
     asked.insert(key);
+    return lookup(key);
+  }
+
+  // Lookup without yaml-cpp's insertion of missing keys.
+  YAML::Node lookup(const std::string& key) const {
     for (const auto& entry : yaml) {
       if (entry.first.IsScalar() && entry.first.Scalar() == key) return entry.second;
     }
@@ -253,7 +258,57 @@ std::string yaml_quoted(const std::string& text) {
   return out.c_str();
 }
 
+namespace {
+
+// Returns the end of the scalar in YAML text; `begin` if it is neither in quotes nor plain on one line.
+size_t end_of_scalar(const std::string& text, size_t begin, const std::string& value) {
+  const char quote = begin < text.size() ? text[begin] : '\0';
+  if (quote != '"' && quote != '\'')
+    return text.compare(begin, value.size(), value) == 0 ? begin + value.size() : begin;
+  for (size_t i = begin + 1; i < text.size(); ++i) {
+    const bool escaping = quote == '"' ? text[i] == '\\' : text.compare(i, 2, "''") == 0;
+    if (escaping)
+      ++i;
+    else if (text[i] == quote)
+      return i + 1;
+  }
+  return begin;
+}
+
+}  // namespace
+
+std::string with_replaced_scalars(const std::string& text, const std::string& name,
+                                  const ScalarReplacement& replacement) {
+  const std::string byte_order_mark = "\xEF\xBB\xBF";  // marks do not count it
+  const size_t first = text.starts_with(byte_order_mark) ? byte_order_mark.size() : 0;
+  std::string result;
+  size_t copied = 0;
+  const std::function<void(const YAML::Node&, const std::string&)> visit = [&](const YAML::Node& node,
+                                                                               const std::string& section) {
+    for (const auto& entry : node) {
+      if (node.IsMap())
+        visit(entry.second, section);
+      else
+        visit(entry, section);
+    }
+    if (!node.IsScalar()) return;
+    const std::optional<std::string> value = replacement(section, node.Scalar());
+    if (!value) return;
+    const std::string written = yaml_quoted(*value), where = name + ":" + std::to_string(node.Mark().line + 1) + ": ";
+    if (YAML::Load(written).Scalar() != *value) throw Error(where + "'" + *value + "' is not UTF-8 text");
+    const size_t begin = std::min(text.size(), first + static_cast<size_t>(node.Mark().pos));
+    const size_t end = end_of_scalar(text, begin, node.Scalar());
+    if (end == begin) throw Error(where + "this value cannot be replaced; write it on one line, or in quotes");
+    result.append(text, copied, begin - copied).append(written);
+    copied = end;
+  };
+  for (const auto& entry : parse_yaml(text, name)) visit(entry.second, entry.first.Scalar());
+  return result.append(text, copied);
+}
+
 bool YamlMap::has(const std::string& key) const { return node_->find(key).IsDefined(); }
+
+bool YamlMap::contains(const std::string& key) const { return node_->lookup(key).IsDefined(); }
 
 double YamlMap::number(const std::string& key, Range range) const {
   return node_->tolerant(nearest_to_zero(range), [&] { return node_->to_number(node_->require(key), key, range); });
@@ -473,8 +528,10 @@ std::filesystem::path YamlMap::file(const std::string& key) const {
   return file;
 }
 
+void YamlMap::note_file(const std::filesystem::path& file) const { node_->asked_paths->noted.push_back(file); }
+
 std::vector<std::filesystem::path> YamlMap::asked_files() const {
-  std::vector<std::filesystem::path> files;
+  std::vector<std::filesystem::path> files = node_->asked_paths->noted;
   for (const AskedPath& asked : node_->asked_paths->all) files.push_back(asked.file);
   return files;
 }
@@ -502,6 +559,7 @@ bool is_pose(const YAML::Node& node) {
 
 void YamlMap::set(const std::string& path, const std::string& value) {
   const YAML::Node parsed = parse_yaml("value: " + value, path + "=" + value);
+  if (parsed.size() != 1) throw Error(path + "=" + value + ": must be one YAML value; give further keys by themselves");
   YAML::Node at;
   at.reset(node_->yaml);
   size_t begin = 0;

@@ -37,6 +37,8 @@ class YamlMap {
   static YamlMap parse(const std::string& text, const std::string& name);
 
   bool has(const std::string& key) const;
+  // Like has(), but finish() still rejects the key if nothing reads it.
+  bool contains(const std::string& key) const;
   double number(const std::string& key, Range range) const;
   double number_or(const std::string& key, double fallback, Range range) const;
   int integer(const std::string& key, Range range) const;
@@ -93,7 +95,10 @@ class YamlMap {
   std::vector<std::filesystem::path> paths(const std::string& key) const;
   // Path of an existing regular file; throws Error for folders and devices.
   std::filesystem::path file(const std::string& key) const;
-  // Returns the paths that path() and file() have returned, or refused, for this map and all others of its file.
+  // Adds a file that the values of the map led to in another way.
+  void note_file(const std::filesystem::path& file) const;
+  // Returns the paths that path() and file() have returned, or refused, for this map and all others of its file, and those
+  // that were noted.
   std::vector<std::filesystem::path> asked_files() const;
 
   // Returns file:line of this map, or the file if the line is unknown.
@@ -149,6 +154,14 @@ class YamlMap {
 
 // Quotes a string as a YAML scalar that reads back unchanged.
 std::string yaml_quoted(const std::string& text);
+
+// Gets the section (top-level key) and the value of a scalar that is not a key; returns its new value, or nothing to keep it.
+using ScalarReplacement =
+    std::function<std::optional<std::string>(const std::string& section, const std::string& value)>;
+// Returns YAML text with other values for some of its scalars; comments and layout stay as they are. Throws Error with
+// name:line if the text is not valid YAML, or if a scalar to replace is neither in quotes nor plain on one line.
+std::string with_replaced_scalars(const std::string& text, const std::string& name,
+                                  const ScalarReplacement& replacement);
 
 // Writes self-describing options as lines of a YAML map.
 class YamlOptionsWriter {

@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "core/base/parallel.h"
+#include "core/base/shell.h"
 #include "core/io/input_file.h"
 #include "core/landmarks/recognition.h"
 #include "core/storage/map_file.h"
@@ -302,7 +303,7 @@ std::vector<LeftMap> left_maps(const fs::path& given) {
     try {
       map.keyframes = static_cast<int>(read_journal_index(folder).index.keyframes.size());
       map.message += ": contains the map of a run that ended early, " + std::to_string(map.keyframes) +
-                     " keyframes; restore it with `fringeslam map recover " + target.string() + "`";
+                     " keyframes; restore it with `fringeslam map recover " + shell_word(target.string()) + "`";
     } catch (const Error& e) {
       map.message = std::string(e.what()) + "; it belongs to a run that ended early";
     }

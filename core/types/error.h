@@ -8,18 +8,22 @@
 
 namespace fringeslam {
 
+// Returns text from outside, such as a name in a file, with a space in place of each byte of a line break or another control
+// character: it could otherwise imitate lines of the program, or send commands to a terminal.
+inline std::string single_line(std::string text) {
+  for (size_t i = 0; i < text.size(); ++i) {
+    const auto byte = static_cast<unsigned char>(text[i]);
+    if (byte < 0x20 || byte == 0x7f) text[i] = ' ';
+    // The control characters U+0080 to U+009F in UTF-8.
+    if (byte == 0xc2 && i + 1 < text.size() && (static_cast<unsigned char>(text[i + 1]) & 0xe0) == 0x80)
+      text[i] = text[i + 1] = ' ';
+  }
+  return text;
+}
+
 class Error : public std::runtime_error {
  public:
-  explicit Error(const std::string& message) : std::runtime_error(one_line(message)) {}
-
- private:
-  // Messages may quote file contents, which can contain line breaks and terminal control characters.
-  static std::string one_line(std::string text) {
-    for (char& c : text) {
-      if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) c = ' ';
-    }
-    return text;
-  }
+  explicit Error(const std::string& message) : std::runtime_error(single_line(message)) {}
 };
 
 }  // namespace fringeslam

@@ -19,7 +19,7 @@ bool write_whole(const fs::path& file, const std::string& bytes) {
   std::error_code ignored;
   fs::create_directories(file.parent_path(), ignored);
   try {
-    write_text(file, bytes);
+    write_regular_file(file, bytes);
   } catch (const Error&) {
     return false;
   }

@@ -11,6 +11,7 @@
 #include <cmath>
 #include <map>
 #include <memory>
+#include <set>
 #include <tuple>
 
 #include "core/io/files.h"
@@ -322,6 +323,32 @@ std::string writer_of(MeshFormat format, const fs::path& file) {
   return lower_extension(file) == ".glb" ? "glb2" : "gltf2";
 }
 
+// Returns what follows `begin` up to `end` wherever it occurs in the text.
+std::set<std::string> texts_between(const std::string& text, const std::string& begin, char end) {
+  std::set<std::string> found;
+  for (size_t at = 0; (at = text.find(begin, at)) != std::string::npos;) {
+    at += begin.size();
+    found.insert(text.substr(at, text.find(end, at) - at));
+  }
+  return found;
+}
+
+// Returns the names of the companion files to which an earlier export refers; none if there is no export.
+std::set<std::string> companions_of(const fs::path& file, MeshFormat format) {
+  constexpr size_t kHead = 1 << 16;  // bytes of an OBJ file, which names its materials before the vertices
+  try {
+    if (format == MeshFormat::gltf) return texts_between(read_input(file, kMostDataBytes), "\"uri\": \"", '"');
+    if (format != MeshFormat::obj) return {};
+    std::set<std::string> names = texts_between("\n" + InputFile(file, kMostDataBytes).head(kHead), "\nmtllib ", '\n');
+    const std::string materials = file.stem().string() + ".mtl";
+    if (names.contains(materials))
+      names.merge(texts_between("\n" + read_input(file.parent_path() / materials), "\nmap_Kd ", '\n'));
+    return names;
+  } catch (const Error&) {
+    return {};
+  }
+}
+
 }  // namespace
 
 MeshFormat mesh_format_of(const fs::path& file) {
@@ -332,7 +359,7 @@ MeshFormat mesh_format_of(const fs::path& file) {
   throw Error(file.string() + ": unsupported mesh format; use .glb, .gltf, .ply or .obj");
 }
 
-MeshExport export_mesh(const Scene& scene, const fs::path& file) {
+MeshExport export_mesh(const Scene& scene, const fs::path& file, const std::vector<fs::path>& inputs) {
   const MeshFormat format = mesh_format_of(file);
   StagedFile staged(file);
   Builder builder(scene, format, staged.path());
@@ -340,7 +367,16 @@ MeshExport export_mesh(const Scene& scene, const fs::path& file) {
   Assimp::Exporter exporter;
   if (exporter.Export(model.get(), writer_of(format, file), staged.path().string()) != aiReturn_SUCCESS)
     throw Error(file.string() + ": cannot be written: " + exporter.GetErrorString());
-  staged.commit();
+  const std::vector<std::string> companions = staged.companions();
+  for (const std::string& name : companions) {
+    const fs::path companion = staged.target().parent_path() / name;
+    std::error_code differs;
+    for (const fs::path& input : inputs) {
+      if (fs::equivalent(companion, input, differs) && !differs)
+        throw Error(companion.string() + ": is an input, which would be replaced; choose another --out");
+    }
+  }
+  staged.commit(companions.empty() ? std::set<std::string>() : companions_of(staged.target(), format));
   MeshExport result{scene.objects.size(), 0, model->mNumMeshes};
   for (const Object& object : scene.objects) result.triangles += object.mesh->triangles.size();
   return result;

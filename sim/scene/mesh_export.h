@@ -28,7 +28,9 @@ struct MeshExport {
 };
 
 // Writes `scene` to `file` and its companion files atomically (all or none); returns the counts. Throws Error if the
-// extension is unknown or a file cannot be written.
-MeshExport export_mesh(const Scene& scene, const std::filesystem::path& file);
+// extension is unknown or a file cannot be written, or if a companion file would replace one of the `inputs`, or a file to which
+// the earlier export at `file` does not refer.
+MeshExport export_mesh(const Scene& scene, const std::filesystem::path& file,
+                       const std::vector<std::filesystem::path>& inputs = {});
 
 }  // namespace fringeslam::sim

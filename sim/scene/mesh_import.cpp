@@ -184,6 +184,7 @@ MeshImport import_mesh(const std::filesystem::path& file, const MeshImportOption
   const RawModel model = read_model(file, options.time_limit_s, options.memory_limit_gib);
   for (const RawMesh& mesh : model.meshes) check_mesh(file, model, mesh);
   MeshImport result;
+  for (const RawFile& read : model.files) result.files.insert(read.path);
   result.unit_m = options.unit_m.value_or(model.unit_m > 0 ? model.unit_m : 1);
   result.up = options.up.value_or(model.y_up ? UpAxis::y : UpAxis::z);
   const Eigen::Matrix3d turned = world_from_file_axes(result.up);
@@ -219,6 +220,7 @@ MeshImport import_mesh(const std::filesystem::path& file, const MeshImportOption
         throw Error(file.string() + ": the colour of material '" + material.name + "' is not finite; export it again");
       part.albedo = std::clamp(luminance, 0.0, 1.0);
       part.texture = texture_file(file, model, material.texture);
+      if (!material.texture.empty() && material.texture[0] != '*') result.files.insert(part.texture);
     }
     for (const Eigen::Vector3d& vertex : part.mesh->vertices) {
       const Eigen::Vector3d v = pose * vertex;

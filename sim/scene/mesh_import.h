@@ -8,6 +8,7 @@
 #include <filesystem>
 #include <memory>
 #include <optional>
+#include <set>
 #include <string>
 #include <vector>
 
@@ -44,8 +45,9 @@ struct MeshImport {
   std::vector<ImportedPart> parts;
   double unit_m = 1;
   UpAxis up = UpAxis::z;
-  size_t triangles = 0, degenerate = 0;  // degenerate triangles are dropped
-  size_t meshes = 0;                     // distinct meshes
+  size_t triangles = 0, degenerate = 0;   // degenerate triangles are dropped
+  size_t meshes = 0;                      // distinct meshes
+  std::set<std::filesystem::path> files;  // that were read: the file itself, those to which it refers, its textures
   Eigen::Vector3d low = Eigen::Vector3d::Zero(), high = Eigen::Vector3d::Zero();
 
   // Formats a one-line summary, e.g.

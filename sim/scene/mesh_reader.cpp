@@ -14,6 +14,7 @@
 #include <cmath>
 #include <cstring>
 #include <memory>
+#include <set>
 #include <string_view>
 
 #include "core/base/limited_child.h"
@@ -101,7 +102,7 @@ SourceFormat format_of(const aiScene& scene) {
   return SourceFormat::other;
 }
 
-// Gives assimp the content of regular files and nothing else. A file that has to be refused is remembered.
+// Gives assimp the content of regular files and nothing else. Remembers these files, and a file that has to be refused.
 class BoundedFiles : public Assimp::IOSystem {
  public:
   bool Exists(const char* file) const override {
@@ -116,6 +117,7 @@ class BoundedFiles : public Assimp::IOSystem {
       const std::string bytes = read_input(file, kMostMeshBytes);
       auto copy = std::make_unique<uint8_t[]>(bytes.size());
       std::memcpy(copy.get(), bytes.data(), bytes.size());
+      opened_.insert(file);
       return new Assimp::MemoryIOStream(copy.release(), bytes.size(), true);
     } catch (const Error& e) {
       refused_ = e.what();
@@ -124,9 +126,11 @@ class BoundedFiles : public Assimp::IOSystem {
   }
   void Close(Assimp::IOStream* stream) override { delete stream; }
   const std::string& refused() const { return refused_; }
+  const std::set<std::string>& opened() const { return opened_; }
 
  private:
   std::string refused_;
+  std::set<std::string> opened_;
 };
 
 // Returns the unit in m, or 0 if unknown. FBX gives centimetres per unit; assimp converts COLLADA to metres; glTF is in
@@ -156,6 +160,7 @@ std::string answer(const std::filesystem::path& file) {
   for (unsigned i = 0; i < scene->mNumMaterials; ++i)
     model.materials.push_back(raw_material(*scene, *scene->mMaterials[i]));
   for (unsigned i = 0; i < scene->mNumTextures; ++i) model.textures.push_back(raw_texture(*scene->mTextures[i]));
+  for (const std::string& opened : files->opened()) model.files.push_back({opened});
   add_instances(*scene->mRootNode, aiMatrix4x4(), model);
   const SourceFormat format = format_of(*scene);
   model.unit_m = unit_of(*scene, format);

@@ -221,6 +221,7 @@ std::vector<Object> read_mesh(const YamlMap& map, const Materials& materials, ui
   } catch (const Error& e) {
     throw map.error("file", e.what());
   }
+  for (const std::filesystem::path& read : import.files) map.note_file(read);
   notes.push_back(import.summary(file));
   std::vector<Object> objects;
   for (ImportedPart& part : import.parts) {

@@ -36,6 +36,11 @@ void exchange(Pipe& pipe, Part& texture) {
   pipe.list(texture.bytes);
 }
 
+template <class Pipe, Either<RawFile> Part>
+void exchange(Pipe& pipe, Part& file) {
+  pipe.text(file.path);
+}
+
 template <class Pipe, Either<RawModel> Part>
 void exchange(Pipe& pipe, Part& model) {
   pipe.value(model.unit_m);
@@ -44,6 +49,7 @@ void exchange(Pipe& pipe, Part& model) {
   pipe.items(model.instances);
   pipe.items(model.materials);
   pipe.items(model.textures);
+  pipe.items(model.files);
 }
 
 std::string packed(const RawModel& model) { return packed_values(model); }

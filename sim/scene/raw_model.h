@@ -32,13 +32,17 @@ struct RawTexture {
   uint32_t width = 0;          // of raw texels, px
   std::vector<uint8_t> bytes;  // encoded image, or raw texels (blue green red alpha)
 };
+struct RawFile {
+  std::string path;
+};
 struct RawModel {
   std::vector<RawMesh> meshes;
   std::vector<RawInstance> instances;
   std::vector<RawMaterial> materials;
   std::vector<RawTexture> textures;
-  double unit_m = 0;  // 0: not specified in the file
-  uint32_t y_up = 0;  // nonzero if the coordinates are y-up after reading
+  std::vector<RawFile> files;  // that were read: the file itself and those to which it refers, but for images
+  double unit_m = 0;           // 0: not specified in the file
+  uint32_t y_up = 0;           // nonzero if the coordinates are y-up after reading
 };
 
 std::string packed(const RawModel& model);

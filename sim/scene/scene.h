@@ -123,7 +123,7 @@ struct SceneLoadOptions {
   // the file.
   std::string text = {};
   // If set, receives the files on which the scene depends, as far as they are known, also if loading fails: scene file,
-  // included files, rig, meshes, textures, trajectory.
+  // included files, rig, meshes with their materials, textures, trajectory.
   std::vector<std::filesystem::path>* files = nullptr;
   // If set, receives the numbers of the scene and all values drawn, also if loading fails.
   std::vector<SceneValue>* values = nullptr;

@@ -37,7 +37,7 @@ class SceneLayers {
   SceneLayers(const fs::path& file, const SceneLoadOptions& reading) : reading_(reading) {
     add(file, "");
     for (const YamlMap& layer : std::vector<YamlMap>(layers_)) place_from(layer);
-    for (const auto& [path, value] : reading_.changes) owner(path.substr(0, path.find('.'))).set(path, value);
+    for (const auto& [path, value] : reading_.changes) change(path, value);
     seed = reading.seed.value_or(has("seed") ? with("seed").seed("seed") : 1);
     const auto draws = std::make_shared<SceneDraws>(seed);
     for (size_t i = 0; i < layers_.size(); ++i) {
@@ -99,15 +99,23 @@ class SceneLayers {
     for (const std::string& path : placed.keys()) {
       const std::string value = placed.yaml(path);
       try {
-        owner(path.substr(0, path.find('.'))).set(path, value);
+        change(path, value);
       } catch (const Error& e) {
         placed.report(placed.error(path, e.what()));
       }
     }
   }
 
+  void change(const std::string& path, const std::string& value) {
+    const std::string section = path.substr(0, path.find('.'));
+    // These sections are read before any value is replaced, so that the change would have no effect.
+    if (section == "include" || section == "placed")
+      throw layers_.front().error(section, path + ": '" + section + "' cannot be changed by key path; edit the file");
+    owner(section).set(path, value);
+  }
+
   YamlMap& owner(const std::string& section) {
-    const auto has = [&](const YamlMap& layer) { return layer.has(section); };
+    const auto has = [&](const YamlMap& layer) { return layer.contains(section); };
     const auto found = std::find_if(layers_.begin(), layers_.end(), has);
     return found == layers_.end() ? layers_.front() : *found;
   }

@@ -100,6 +100,7 @@ TEST(DatasetSpec, ReportsTheLineOfAnError) {
       {"gray: plain", "grey: plain", 12, "did you mean 'gray'"},
       {"steps: 3", "steps: 2", 11, "'steps'"},
       {"light.ambient_lux", "light.ambiant_lux", 14, "did you mean 'ambient_lux'"},
+      {"light.ambient_lux", "lihgt.ambient_lux", 14, "unknown key 'lihgt'; did you mean 'light'?"},
       {"samples_per_tar: 4", "write: [images, dept]", 8, "did you mean 'depth'"},
       {"samples_per_tar: 4", "write: [images, thermal]", 8, "'thermal' needs a thermal camera"},
       {"samples_per_tar: 4", "rigs: [none.yaml]", 8, "does not exist"},

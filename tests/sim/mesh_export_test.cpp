@@ -164,7 +164,7 @@ TEST(MeshExport, TexturesComeAlong) {
   object.material.texture = (temp / "from/a b.png").string();
   const Scene scene = world_of({object}, coaxial_rig());
   for (const std::string name : {"a board.glb", "a board.gltf", "a board.obj"}) {
-    export_mesh(scene, temp / name);
+    for (int i = 0; i < 2; ++i) export_mesh(scene, temp / name);
     const MeshImport back = import_mesh(temp / name);
     ASSERT_EQ(back.parts.size(), 1u) << name;
     ASSERT_TRUE(std::filesystem::exists(back.parts[0].texture)) << name << " " << back.parts[0].texture;
@@ -178,6 +178,24 @@ TEST(MeshExport, TexturesComeAlong) {
     }
   }
   unsetenv("FRINGESLAM_CACHE");
+}
+
+TEST(MeshExport, CompanionsOfOtherFilesAreNotReplaced) {
+  const test::TempFolder temp;
+  const auto refused = [&](const std::string& name, const std::vector<std::filesystem::path>& inputs) {
+    return error_of([&] { export_mesh(small_world(), temp / name, inputs); });
+  };
+  for (const auto& [name, companion] : {std::pair("world.obj", "world.mtl"), std::pair("world.gltf", "world.bin")}) {
+    const std::string path = (temp / companion).string();
+    test::write_bytes(path, "precious");
+    EXPECT_THAT(refused(name, {}), StartsWith(path + ": exists and was not written with " + name));
+    test::write_bytes(temp / name, "mtllib other world.mtl\n{\"uri\": \"other world.bin\"}");
+    EXPECT_THAT(refused(name, {}), StartsWith(path + ": exists and was not written with " + name));
+    EXPECT_EQ(test::read_bytes(path), "precious");
+    std::filesystem::remove(path);
+    for (int i = 0; i < 2; ++i) EXPECT_NO_THROW(export_mesh(small_world(), temp / name)) << name;
+    EXPECT_THAT(refused(name, {path}), StartsWith(path + ": is an input"));
+  }
 }
 
 TEST(MeshExport, OtherNamesAreRefused) {

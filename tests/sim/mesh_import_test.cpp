@@ -191,6 +191,7 @@ TEST_F(Import, WavefrontWithItsMaterial) {
   expect_roof(roof, 1);
   EXPECT_NEAR(roof.parts[0].albedo, 0.2126 * 0.8 + 0.7152 * 0.4 + 0.0722 * 0.2, 1e-6);
   EXPECT_THAT(roof.summary("roof.obj"), HasSubstr("unit 1 m, z up; 1 part, 2 triangles, 4 x 2 x 3 m"));
+  EXPECT_THAT(roof.files, testing::ElementsAre(temp_ / "roof.mtl", temp_ / "roof.obj"));
 }
 TEST_F(Import, UnitAndUpAxisAsAsked) {
   MeshImportOptions options;
@@ -308,6 +309,7 @@ TEST(RawModelBytes, AreRefusedUnlessComplete) {
   model.instances.push_back({"node", 0, {1, 0, 0, 7, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1}});
   model.materials.push_back({"paint", "*0", {0.5f, 0.4f, 0.3f}});
   model.textures.push_back({"png", 0, {1, 2, 3}});
+  model.files.push_back({"triangle.mtl"});
   const std::string bytes = packed(model);
   const RawModel again = unpacked(bytes);
   EXPECT_EQ(packed(again), bytes);
@@ -315,6 +317,7 @@ TEST(RawModelBytes, AreRefusedUnlessComplete) {
   EXPECT_EQ(again.instances[0].transform[3], 7);
   EXPECT_EQ(again.materials[0].texture, "*0");
   EXPECT_EQ(again.textures[0].bytes.size(), 3u);
+  EXPECT_EQ(again.files[0].path, "triangle.mtl");
   for (size_t size = 0; size < bytes.size(); ++size)
     EXPECT_THROW(unpacked(std::string_view(bytes).substr(0, size)), Error) << size;
   EXPECT_THROW(unpacked(bytes + "x"), Error);

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // The parts of a scene file: included files, trajectories, piles.
 #include <gmock/gmock.h>
+#include <sys/stat.h>
 
 #include <cmath>
 #include <cstdlib>
@@ -37,6 +38,21 @@ class SceneParts : public testing::Test {
   }
   test::TempFolder temp_;
 };
+
+// --- the cache ---
+
+// Writing to the pipe would wait for a reader forever.
+TEST_F(SceneParts, APipeInTheCacheIsReplaced) {
+  const std::filesystem::path pile = cache_folder() / "baked" / content_hash("pile"),
+                              texture = cache_folder() / "textures/wall.png";
+  for (const std::filesystem::path& entry : {pile, texture}) {
+    std::filesystem::create_directories(entry.parent_path());
+    ASSERT_EQ(mkfifo(entry.c_str(), 0600), 0);
+  }
+  EXPECT_TRUE(store("pile", "settled"));
+  EXPECT_EQ(cached("pile"), "settled");
+  EXPECT_EQ(test::read_bytes(cached_file("textures/wall.png", "image")), "image");
+}
 
 // --- included files ---
 

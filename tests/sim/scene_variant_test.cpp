@@ -102,6 +102,52 @@ TEST_F(SceneVariant, WrongChangesSayWhere) {
   EXPECT_THAT(error_of([&] { with({{"light.ambient_lux", "-5"}}); }), HasSubstr("'ambient_lux'"));
   EXPECT_THAT(error_of([&] { with({{"light.ambient_lux", "[1"}}); }), HasSubstr("not valid YAML"));
   EXPECT_THAT(error_of([&] { with({{"rig.camera.sensor.bit", "12"}}); }), HasSubstr("did you mean 'bits'"));
+  for (const char* more : {"300\nfoo: bar", "300\nvalue: 7", "300\n---\nfoo"})
+    EXPECT_THAT(error_of([&] { with({{"light.ambient_lux", more}}); }), StartsWith("light.ambient_lux=300 "));
+}
+
+// A change that nothing reads is an error, also beside sections of included files.
+TEST_F(SceneVariant, ChangesOfUnknownSectionsAreRefused) {
+  write_text(temp_ / "more.yaml", "light: {ambient_lux: 7}\n");
+  const std::string scene = file("", "include: more.yaml\n").string();
+  const auto changed = [&](const std::string& path, const std::string& value) {
+    SceneLoadOptions reading;
+    reading.changes = {{path, value}};
+    return load_scene(scene, reading);
+  };
+  EXPECT_EQ(changed("light.ambient_lux", "300").ambient_lux, 300);
+  EXPECT_EQ(changed("air.extinction_per_m", "0.5").air.extinction_per_m, 0.5);
+  EXPECT_EQ(changed("description", "Other words").ambient_lux, 7);
+  EXPECT_EQ(changed("seed", "9").seed, 9u);
+  EXPECT_THAT(error_of([&] { changed("lihgt.ambient_lux", "300"); }),
+              AllOf(StartsWith(scene), HasSubstr("unknown key 'lihgt'; did you mean 'light'?")));
+  for (const std::string section : {"foo", "Light", " light", "ambient_lux", "camera", "board"}) {
+    const std::string unknown = "unknown key '" + section + "'";
+    write_text(temp_ / "more.yaml", "light: {ambient_lux: 7}\n");
+    EXPECT_THAT(error_of([&] { changed(section, "300"); }), AllOf(StartsWith(scene), HasSubstr(unknown)));
+    EXPECT_THAT(error_of([&] { changed(section + ".x.y", "300"); }), HasSubstr(unknown));
+    write_text(temp_ / "more.yaml", "placed: {\"" + section + ".x\": 3}\n");
+    EXPECT_THAT(error_of([&] { load_scene(scene); }), HasSubstr(unknown));
+  }
+  // All errors are found if they are collected.
+  std::vector<std::string> errors;
+  SceneLoadOptions collecting;
+  collecting.errors = &errors;
+  load_scene(scene, collecting);
+  EXPECT_THAT(errors, testing::ElementsAre(HasSubstr("unknown key 'board'")));
+}
+
+// They are read before the changes are made.
+TEST_F(SceneVariant, ChangesOfWhatIsReadBeforeThemAreRefused) {
+  const std::string scene = file().string();
+  for (const std::string path : {"include", "include.0", "placed", "placed.light.ambient_lux"}) {
+    EXPECT_THAT(error_of([&] {
+                  with({{path, "more.yaml"}});
+                }),
+                AllOf(StartsWith(scene), HasSubstr("cannot be changed by key path")));
+    const std::string placing = file("", "placed: {" + path + ": 3}\n").string();
+    EXPECT_THAT(error_of([&] { load_scene(placing); }), HasSubstr("cannot be changed by key path"));
+  }
 }
 
 TEST_F(SceneVariant, KeysOfTheRigReplaceThoseOfItsFileAndErrorsNameTheRightOne) {

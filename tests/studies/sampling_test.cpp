@@ -109,6 +109,9 @@ TEST(StudyFile, IsReadAndItsCommandSaysTheSame) {
                                           std::to_string(trial.world_seed) +
                                           " --with 'objects.1.count=6' --with 'light.ambient_lux=" + trial.values[0] +
                                           "' --set 'decode.min_modulation_dn=" + trial.values[1] + "'");
+  Study odd = study;
+  odd.scene = "it's here/scene.yaml";
+  EXPECT_THAT(command_of(odd, trial), testing::StartsWith("fringeslam run 'it'\\''s here/scene.yaml' --seed "));
   Study limited = study;
   limited.views = 8;
   EXPECT_THAT(command_of(limited, trial),
@@ -129,6 +132,9 @@ TEST(StudyFile, WhatIsWrongIsSaidWithItsLine) {
       {"[10, 5000]", "[0, 1]", 7, "above 0"},
       {"log_uniform", "logarithmic", 7, "needs uniform, log_uniform, normal, choice or grid"},
       {"light.ambient_lux", "light.ambiant_lux", 7, "did you mean 'ambient_lux'"},
+      {"light.ambient_lux", "lihgt.ambient_lux", 7, "unknown key 'lihgt'; did you mean 'light'?"},
+      {"objects.1.count: 6", "ambient_lux: 6", 10, "unknown key 'ambient_lux'"},
+      {"objects.1.count: 6", "include: none.yaml", 10, "cannot be changed"},
       {"decode.min_modulation_dn", "decode.min_modulation", 8, "did you mean 'min_modulation_dn'"},
       {"[10, 5000]", "[1e7, 2e7]", 7, "'ambient_lux'"},
       {"objects.1.count: 6", "objects.7.count: 6", 10, "a list of 2"},

@@ -219,6 +219,11 @@ TEST_F(StudyPage, EscapesNames) {
 }
 #endif
 
+TEST_F(StudyVerb, NamesSendNoCommandsToTheTerminal) {
+  const std::string file = study(replaced(test::kSmallStudy, "name: small", "name: \"a\\e]0;\\nb\""));
+  EXPECT_THAT(run_successfully({"study", "check", file}).out, testing::StartsWith("a ]0; b: 6 trials"));
+}
+
 TEST_F(StudyVerb, BadUseIsSaidInOneLine) {
   const std::string file = study();
   for (const std::vector<std::string>& wrong :

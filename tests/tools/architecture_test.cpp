@@ -3,6 +3,8 @@
 
 #include <gmock/gmock.h>
 
+#include <regex>
+
 #include "tests/support/temp_folder.h"
 
 namespace fringeslam {
@@ -27,6 +29,19 @@ TEST(Architecture, TheScanReadsThisTree) {
   // Ensures that the test above cannot pass because the scan reads no files.
   for (const std::string file : {"core/types/pose.h", "sim/light/ray_scene.cpp", "tools/main.cpp"})
     EXPECT_TRUE(test::fs::exists(test::fs::path(FRINGESLAM_SOURCE_DIR) / file)) << file;
+}
+
+// `render` checks the inputs of tum_rgbd.cpp and euroc.cpp.
+TEST(Architecture, VerbsThatReplaceAFolderCheckTheirInputs) {
+  const std::regex replaces("StagedFolder \\w+\\([^;]*\"[a-z]");
+  std::vector<std::string> unchecked;
+  for (const auto& entry : test::fs::directory_iterator(test::fs::path(FRINGESLAM_SOURCE_DIR) / "tools")) {
+    if (entry.path().extension() != ".cpp") continue;
+    const std::string text = test::read_bytes(entry.path());
+    if (std::regex_search(text, replaces) && text.find("require_not_an_input(") == text.npos)
+      unchecked.push_back(entry.path().filename());
+  }
+  EXPECT_THAT(unchecked, testing::UnorderedElementsAre("euroc.cpp", "tum_rgbd.cpp"));
 }
 
 TEST(Architecture, AllowedArrowsPass) {

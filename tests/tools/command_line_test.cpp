@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 // The command line: results are reproducible, and the output has the requested form.
+#include "tools/command_line.h"
+
 #include <gmock/gmock.h>
 
 #include <nlohmann/json.hpp>
 
+#include "core/io/files.h"
 #include "core/io/jpeg_file.h"
 #include "tests/tools/child.h"
 
@@ -128,17 +131,34 @@ TEST_F(CommandLine, ASecondRunReplacesTheFirst) {
   EXPECT_EQ(names, first);
 }
 
-// Ends `run` while it maps, and looks at what it leaves.
-TEST_F(CommandLine, AnInterruptedRunKeepsItsViews) {
-  const std::string scene = std::string(FRINGESLAM_SOURCE_DIR) + "/scenes/loop", out = at("run");
-  const std::string command = test::quoted(FRINGESLAM_PROGRAM) + " run " + test::quoted(scene) + " --out " +
-                              test::quoted(out) + " --set render.samples_per_pixel=1 --save-map > " +
-                              test::quoted(at("out")) + " 2> " + test::quoted(at("err")) + " & pid=$!; until ls " +
-                              test::quoted(temp_.path().string()) +
+// Maps `loop` into run/, and ends the program after two views. Returns its exit code.
+int interrupted_run(const test::TempFolder& temp) {
+  const std::string scene = std::string(FRINGESLAM_SOURCE_DIR) + "/scenes/loop";
+  const auto at = [&](const char* name) { return test::quoted((temp / name).string()); };
+  const std::string command = test::quoted(FRINGESLAM_PROGRAM) + " run " + test::quoted(scene) + " --out " + at("run") +
+                              " --set render.samples_per_pixel=1 --save-map > " + at("out") + " 2> " + at("err") +
+                              " & pid=$!; until ls " + test::quoted(temp.path().string()) +
                               "/run.partial-*/run/frames/000001/depth.exr > /dev/null 2>&1; do sleep 0.05; done; "
                               "kill -TERM $pid; wait $pid; exit $?";
-  const int status = std::system(command.c_str());
-  ASSERT_EQ(WEXITSTATUS(status), 130) << test::read_bytes(temp_ / "err");
+  return WEXITSTATUS(std::system(command.c_str()));
+}
+
+// The views mapped until then may be fewer than those of an earlier result.
+TEST_F(CommandLine, AnInterruptedRunKeepsAnEarlierResult) {
+  run_scene("run", {"--save-map"});
+  const std::string map = test::read_bytes(temp_ / "run/saved.map"), cloud = test::read_bytes(temp_ / "run/map.ply");
+  ASSERT_EQ(interrupted_run(temp_), 130) << test::read_bytes(temp_ / "err");
+  EXPECT_EQ(test::read_bytes(temp_ / "run/saved.map"), map);
+  EXPECT_EQ(test::read_bytes(temp_ / "run/map.ply"), cloud);
+  EXPECT_TRUE(test::fs::exists(temp_ / "run.incomplete/saved.map"));
+  EXPECT_THAT(test::read_bytes(temp_ / "err"), HasSubstr("the older result in " + at("run") + " is unchanged"));
+  EXPECT_THAT(test::read_bytes(temp_ / "out"), HasSubstr("written: " + at("run.incomplete")));
+}
+
+// Ends `run` while it maps, and looks at what it leaves.
+TEST_F(CommandLine, AnInterruptedRunKeepsItsViews) {
+  const std::string out = at("run");
+  ASSERT_EQ(interrupted_run(temp_), 130) << test::read_bytes(temp_ / "err");
   for (const auto& entry : test::fs::directory_iterator(temp_.path()))
     EXPECT_THAT(entry.path().filename().string(),
                 testing::Not(testing::AnyOf(HasSubstr("partial"), HasSubstr("mapping"))));
@@ -230,6 +250,89 @@ TEST_F(CommandLine, AnySceneNameCanBeRun) {
   EXPECT_EQ(json::parse(test::read_bytes(temp_ / "run/score.json")).at("name"), "boxes: and foam #2");
 }
 
+// Options as those of the verbs.
+struct Parsed {
+  std::string out = "default", rig;
+  std::vector<std::string> sets;
+  std::vector<double> periods_px;
+  int views = 1;
+  uint64_t seed = 1;
+  std::optional<int> steps, port;
+  std::optional<uint64_t> other_seed;
+  std::optional<int> exit_code;  // empty: parsed
+  std::string error;
+};
+
+Parsed parsed(std::vector<std::string> arguments) {
+  tools::CommandLine line("program", "help", "version");
+  const tools::Command verb = line.root().add_subcommand("run", "help");
+  Parsed result;
+  verb.add_option("--out", result.out, "");
+  verb.add_option("--rig", result.rig, "").check_existing_file();
+  verb.add_option("--set", result.sets, "");
+  verb.add_option("--periods", result.periods_px, "").delimiter(',').check_range(2.0, 1e5);
+  verb.add_option("--views", result.views, "").check_range(1, 1'000'000);
+  verb.add_option("--seed", result.seed, "");
+  verb.add_option("--steps", result.steps, "");
+  verb.add_option("--other-seed", result.other_seed, "").check_non_negative();
+  verb.add_option("--live", result.port, "").expected(0, 1).default_str("8080").check_range(0, 65535);
+  arguments.insert(arguments.begin(), {"program", "run"});
+  std::vector<char*> words;
+  for (std::string& argument : arguments) words.push_back(argument.data());
+  testing::internal::CaptureStderr();
+  result.exit_code = line.parse(static_cast<int>(words.size()), words.data());
+  result.error = testing::internal::GetCapturedStderr();
+  return result;
+}
+
+// An empty value is mostly that of a script's unset variable.
+TEST(CommandLineValues, AreNotEmpty) {
+  for (const std::string name : {"--out", "--rig", "--set", "--live"}) {
+    for (const std::vector<std::string>& words :
+         {std::vector{name, std::string()}, {name + "=", "next"}, {name + "="}}) {
+      const Parsed refused = parsed(words);
+      EXPECT_EQ(refused.exit_code, 2) << name;
+      EXPECT_THAT(refused.error, testing::StartsWith("program: " + name + ": is empty; ")) << words.size();
+    }
+  }
+  for (const std::string name : {"--periods", "--views", "--seed", "--steps", "--other-seed"})
+    EXPECT_EQ(parsed({name, ""}).exit_code, 2) << name;
+  EXPECT_EQ(parsed({"--live"}).port, 8080);
+  EXPECT_EQ(parsed({"--set", "a=", "--out=b"}).sets, std::vector<std::string>{"a="});
+  for (const std::vector<std::string>& words :
+       std::vector<std::vector<std::string>>{{"run", "data", "--map", ""},
+                                             {"run", ""},
+                                             {"score", "a.ply", "--truth", "b", "--trajectory", ""},
+                                             {"report", "run", "--out", ""},
+                                             {"evaluate", "smoke", "--with", "x {dataset} {out}", "--out", ""}}) {
+    const test::Finished refused = run_program(words);
+    EXPECT_EQ(refused.exit_code, 2) << words[0];
+    EXPECT_THAT(refused.err, HasSubstr(": is empty; give it a value or leave it out")) << words[0];
+  }
+}
+
+TEST(CommandLineValues, AreDecimalNumbers) {
+  const Parsed zeros =
+      parsed({"--views", "010", "--seed", "08", "--steps", "007", "--other-seed", "0019", "--live", "090"});
+  EXPECT_EQ(zeros.exit_code, std::nullopt) << zeros.error;
+  EXPECT_EQ(zeros.views, 10);
+  EXPECT_EQ(zeros.seed, 8u);
+  EXPECT_EQ(zeros.steps, 7);
+  EXPECT_EQ(zeros.other_seed, 19u);
+  EXPECT_EQ(zeros.port, 90);
+  EXPECT_EQ(parsed({"--seed", "18446744073709551615"}).seed, UINT64_MAX);
+  for (const std::string text : {"0x10", "1e1", " 1", "1.0", "0b1", "18446744073709551616", "ten"}) {
+    for (const std::string name : {"--views", "--seed", "--steps", "--other-seed", "--live"}) {
+      const Parsed refused = parsed({name, text});
+      EXPECT_EQ(refused.exit_code, 2) << name << " " << text;
+      EXPECT_THAT(refused.error, HasSubstr(name + ": '" + text + "' is not a whole number from "));
+    }
+  }
+  for (const std::string name : {"--views", "--seed", "--other-seed", "--live"})
+    EXPECT_EQ(parsed({name, "-1"}).exit_code, 2) << name;
+  EXPECT_EQ(parsed({"--steps", "-010"}).steps, -10);
+}
+
 TEST(CommandLineHelp, OfEachVerbIsPrintedWithoutFailure) {
   for (const std::string verb : {"run", "render", "score", "info", "patterns", "import"}) {
     const test::Finished finished = run_program({verb, "--help"});
@@ -304,6 +407,54 @@ TEST(CommandLineScene, AreMadeFromOthers) {
   EXPECT_EQ(again.exit_code, 2);
   EXPECT_THAT(again.err, HasSubstr("own: exists"));
   EXPECT_EQ(run_program({"scene", "new", (temp / "x").string(), "--from", (temp / "none").string()}).exit_code, 2);
+}
+
+// Their name is a text like any other, and the scene file may have lines of any length.
+TEST(CommandLineScene, AreMadeWithAnyName) {
+  const test::TempFolder temp;
+  test::write_small_scene(temp / "small");
+  const std::string line(50000, 'x');
+  const std::string text = test::replaced(test::kSmallScene, "description: Two",
+                                          "# name: none " + line + "\ndescription: \"" + line + "\" #");
+  test::write_bytes(temp / "small/scene.yaml", text);
+  for (const std::string name : {"a$1b$&c", "it's: #1 \"{", "plain"}) {
+    run_successfully({"scene", "new", name, "--from", (temp / "small").string(), "--in", temp.path().string()});
+    EXPECT_EQ(whole_json(run_successfully({"--json", "info", (temp / name).string()})).at("name"), name);
+  }
+  EXPECT_EQ(test::read_bytes(temp / "plain/scene.yaml"), test::replaced(text, "name: small", "name: \"plain\""));
+  // A name may also come from an included file.
+  test::write_bytes(temp / "other/scene.yaml", "include: ../plain/scene.yaml\n");
+  run_successfully({"scene", "new", (temp / "mine/").string(), "--from", (temp / "other").string()});
+  EXPECT_EQ(whole_json(run_successfully({"--json", "info", (temp / "mine").string()})).at("name"), "mine");
+  test::write_bytes(temp / "other/scene.yaml", "include: ../plain/scene.yaml\nname: |\n  two\n  lines\n");
+  const auto refused = run_program({"scene", "new", (temp / "none").string(), "--from", (temp / "other").string()});
+  EXPECT_EQ(refused.exit_code, 2);
+  EXPECT_THAT(refused.err, HasSubstr("other/scene.yaml:2: this value cannot be replaced"));
+}
+
+// In all included files that are copied, also where other files lie in the same place seen from the new folder.
+TEST(CommandLineScene, MeanTheFilesOfTheirTemplate) {
+  const test::TempFolder temp;
+  test::write_small_scene(temp / "small");
+  test::fs::create_directory(temp / "lib");
+  test::fs::rename(temp / "small/rig.yaml", temp / "lib/rig.yaml");
+  write_png(temp / "lib/a texture.png", cv::Mat1b(4, 4, uchar{128}));
+  for (const char* decoy : {"deep/lib/rig.yaml", "deep/lib/a texture.png", "deep/small/stage.yaml"})
+    test::write_bytes(temp / decoy, "of another scene");
+  test::write_bytes(temp / "small/parts/materials.yaml",
+                    "materials:\n  # As ../../lib/rig.yaml\n  cardboard: {texture: '../../lib/a texture.png'}\n");
+  test::write_bytes(temp / "small/stage.yaml", "include: parts/materials.yaml\nrig: {file: ./../lib/rig.yaml}\n");
+  std::string text = test::replaced(test::kSmallScene, "rig:\n  file: rig.yaml\n", "include: [../small/stage.yaml]\n");
+  text = test::replaced(text, "  cardboard: {grain: cardboard, albedo: 0.55, contrast: 0.35, grain_m: 0.01}\n", "");
+  test::write_bytes(temp / "small/scene.yaml", text);
+  const std::string folder = (temp / "deep/er/").string();
+  run_successfully({"scene", "new", folder, "--from", (temp / "small").string()});
+  EXPECT_EQ(test::read_bytes(temp / "deep/er/parts/materials.yaml"),
+            "materials:\n  # As ../../lib/rig.yaml\n  cardboard: {texture: \"../../../lib/a texture.png\"}\n");
+  EXPECT_EQ(test::read_bytes(temp / "deep/er/stage.yaml"),
+            "include: parts/materials.yaml\nrig: {file: \"../../lib/rig.yaml\"}\n");
+  EXPECT_THAT(test::read_bytes(temp / "deep/er/scene.yaml"), HasSubstr("include: [\"stage.yaml\"]\n"));
+  EXPECT_EQ(whole_json(run_successfully({"--json", "info", folder})).at("name"), "er");
 }
 
 // Generated scenes are the template drawn with their seeds; they no longer need the template.

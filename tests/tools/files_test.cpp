@@ -213,6 +213,42 @@ TEST(StagedFolder, LeavesFoldersAloneThatOnlyLookLikeLeftovers) {
   EXPECT_EQ(test::read_bytes(temp / "runs.partial-result/config.yaml"), "precious");
 }
 
+// A process may die between creating a temporary folder and marking it; its mode tells it from the user's.
+TEST(StagedFolder, RemovesAnEmptyFolderOnlyIfAProcessLeftIt) {
+  const test::TempFolder temp;
+  for (const std::string name : {"out.partial-backup", "x.partial-backup", "out.partial-a1B2c3"})
+    test::fs::create_directory(temp / name);
+  ASSERT_EQ(chmod((temp / "out.partial-a1B2c3").c_str(), 01700), 0);
+  write_ours(temp / "out", "new");
+  EXPECT_EQ(test::listing(temp.path()), (std::set<std::string>{"out", "out/.fringeslam", "out/config.yaml",
+                                                               "out.partial-backup", "x.partial-backup"}));
+}
+
+// Only what the result wrote goes with it, by whatever name it is called.
+TEST(StagedFolder, TellsWhatIsReplacedWithIt) {
+  const test::TempFolder temp;
+  const test::fs::path out = temp / "out";
+  EXPECT_FALSE(is_replaced_with(out / kFile, out));
+  {
+    StagedFolder staged(out, kKind);
+    for (const std::string name : {"saved.map", "frames/0.png"}) test::write_bytes(staged.path() / name, "old");
+    write_text(staged.path() / kFile, "old");
+    staged.commit();
+  }
+  test::write_bytes(out / "mine/notes.txt", "precious");
+  test::write_bytes(temp / "outside/config.yaml", "precious");
+  test::fs::create_symlink(out / kFile, temp / "link");
+  test::fs::create_directory_symlink(out, temp / "result");
+  for (const test::fs::path& input : {out / kFile, out / "saved.map", out / "frames", out / "frames/../frames/0.png",
+                                      temp / "link", temp / "result/frames", out})
+    EXPECT_TRUE(is_replaced_with(input, out)) << input;
+  EXPECT_TRUE(is_replaced_with(out / kFile, temp / "result/"));
+  for (const test::fs::path& input : {out / "mine", out / "mine/notes.txt", out / "none", temp / "outside/config.yaml",
+                                      temp.path(), test::fs::path()})
+    EXPECT_FALSE(is_replaced_with(input, out)) << input;
+  EXPECT_FALSE(is_replaced_with(out / "saved.map", out, {"saved.map"}));
+}
+
 TEST(StagedFolder, ADotAfterTheNameIsTheSameFolder) {
   const test::TempFolder temp;
   for (const std::string name : {"out/.", "out/./", "out//."}) {
@@ -280,6 +316,23 @@ TEST(Files, DevicesAndPipesAreNotReplaced) {
   ASSERT_EQ(mkfifo((temp / "pipe").c_str(), 0600), 0);
   EXPECT_THAT(message_of([&] { StagedFile file(temp / "pipe"); }), testing::HasSubstr("is a device or a pipe"));
   EXPECT_TRUE(test::fs::is_fifo(temp / "pipe"));
+}
+
+// For files that no user names, such as those of the cache: writing to a pipe would wait for its reader.
+TEST(Files, ThatNobodyNamesReplaceDevicesAndPipes) {
+  const test::TempFolder temp;
+  const test::fs::path pipe = temp / "pipe", link = temp / "link";
+  ASSERT_EQ(mkfifo(pipe.c_str(), 0600), 0);
+  test::write_bytes(temp / "else/where", "precious");
+  test::fs::create_symlink(temp / "else/where", link);
+  for (const test::fs::path& file : {pipe, link, temp / "new", temp / "new"}) {
+    write_regular_file(file, "content");
+    EXPECT_EQ(test::fs::symlink_status(file).type(), test::fs::file_type::regular) << file;
+    EXPECT_EQ(test::read_bytes(file), "content");
+  }
+  EXPECT_EQ(test::read_bytes(temp / "else/where"), "precious");
+  EXPECT_EQ(test::listing(temp.path()), (std::set<std::string>{"else", "else/where", "link", "new", "pipe"}));
+  EXPECT_THROW(write_regular_file(temp / "else", "content"), Error);
 }
 
 TEST(Files, MessagesNameTheFinalFiles) {
@@ -374,6 +427,23 @@ TEST(Files, ThatCannotBePutInPlaceLeaveNothingBehind) {
   staged.commit();
   EXPECT_EQ(test::read_bytes(temp / "b.obj"), "o");
   EXPECT_EQ(test::read_bytes(temp / "b.mtl"), "m");
+}
+
+TEST(Files, BesideAnotherAreReplacedOnlyIfTheyBelongToIt) {
+  const test::TempFolder temp;
+  const auto write = [&](const std::string& text, const std::set<std::string>& replaceable) {
+    StagedFile staged(temp / "b.obj");
+    for (const std::string name : {"b.obj", "b.mtl", "b.png"}) write_text(staged.path().parent_path() / name, text);
+    EXPECT_EQ(staged.companions(), (std::vector<std::string>{"b.mtl", "b.png"}));
+    staged.commit(replaceable);
+  };
+  test::write_bytes(temp / "b.png", "precious");
+  EXPECT_THAT(message_of([&] { write("new", {"b.mtl"}); }),
+              StartsWith((temp / "b.png").string() + ": exists and was not written with b.obj"));
+  EXPECT_EQ(test::read_bytes(temp / "b.png"), "precious");
+  EXPECT_EQ(test::listing(temp.path()), std::set<std::string>{"b.png"});
+  write("new", {"b.png"});
+  for (const std::string name : {"b.obj", "b.mtl", "b.png"}) EXPECT_EQ(test::read_bytes(temp / name), "new");
 }
 
 // File formats that store the time of writing would make equal results differ.

@@ -12,6 +12,7 @@
 #include "core/io/input_file.h"
 #include "core/io/tum_file.h"
 #include "tests/tools/child.h"
+#include "tools/run_score.h"
 
 namespace fringeslam {
 namespace {
@@ -301,6 +302,28 @@ TEST_F(HostileInput, JsonOfANameThatIsNotUtf8) {
   EXPECT_EQ(finished.exit_code, 0) << finished.err;
   EXPECT_THAT(nlohmann::json::parse(finished.out).at("dataset").get<std::string>(), HasSubstr("\uFFFD\uFFFD out"));
   EXPECT_TRUE(test::fs::exists(name + "/dataset.yaml"));
+}
+
+// Nor do names imitate lines of the program.
+TEST_F(HostileInput, NamesSendNoCommandsToTheTerminal) {
+  const std::string name = "name: \"a\\e]0;pwn\\a\\nfake: line\"";
+  const auto expect_plain = [&](const std::vector<std::string>& arguments) {
+    const std::string out = test::run_successfully(arguments).out;
+    EXPECT_THAT(out, AllOf(HasSubstr("a ]0;pwn  fake: line"), Not(HasSubstr("\x1b")), Not(HasSubstr("\x07"))));
+  };
+  test::write_bytes(scene_ / "scene.yaml", test::replaced(test::kSmallScene, "name: small", name));
+  expect_plain({"info", scene_.string()});
+  expect_plain({"scene", "check", scene_.string(), "--quiet"});
+  tools::RunScore score;
+  score.name = "a\x1b\nb";
+  EXPECT_THAT(tools::to_table(score), testing::StartsWith("a  b, seed 0: "));
+  const path about = dataset() / "dataset.yaml";
+  const std::string text = test::read_bytes(about);
+  const size_t begin = text.find("name: ");
+  test::write_bytes(about, test::replaced(text, text.substr(begin, text.find('\n', begin) - begin), name));
+  expect_plain({"info", (temp_ / "data").string()});
+  test::write_bytes(scene_ / "scene.yaml", "description" + name.substr(4));
+  expect_plain({"scene", "list", "--in", temp_.path().string()});
 }
 
 TEST_F(HostileInput, NumbersThatAreNone) {

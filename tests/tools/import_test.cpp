@@ -829,6 +829,7 @@ TEST_F(ImportErrors, TimesOfImages) {
   write("1 1.004 1.008 1.012 1.016 1.020", "2 2.1 2.2 2.3 2.4 2.5");
   EXPECT_NEAR(read_import(temp_ / "in/import.yaml", temp_ / "in").rig.timing.camera_rate_hz, 250, 1e-6);
   EXPECT_THAT(message("0 1 2 3 4 5", "0 1 2 3 4 5"), HasSubstr("b/times.txt: is not later than the stack before it"));
+  EXPECT_THAT(message("0 1 2 3 4 5", "5 6 7 8 9 10"), HasSubstr("b/times.txt: is not later than the stack before it"));
   EXPECT_THAT(message("-1 1 2 3 4 5", "6 7 8 9 10 11"), HasSubstr("a/times.txt: '-1' is no time from 0 to 1e12 s"));
   EXPECT_THAT(message("1.7e18 1 2 3 4 5", "6 7 8 9 10 11"), HasSubstr("'1.7e18' is no time"));
   EXPECT_THAT(message("1 1 2 3 4 5", "6 7 8 9 10 11"), HasSubstr("a/times.txt: two images have the same time"));
@@ -841,6 +842,16 @@ TEST_F(ImportErrors, FastCameras) {
   test::write_bytes(temp_ / "in/import.yaml", std::string(kGood) + "image_interval_s: 0.0002\n");
   const ImportedRig rig(read_import(temp_ / "in/import.yaml", temp_ / "in"));
   EXPECT_NEAR(rig.model().timing.camera_rate_hz, 5000, 1e-6);
+}
+
+// One camera takes one image after another.
+TEST_F(ImportErrors, IntervalsThatContradictEachOther) {
+  EXPECT_THAT(import(std::string(kGood) + "image_interval_s: 0.2\ninterval_s: 1\n"),
+              HasSubstr("the stacks overlap: 6 images at image_interval_s take 1.2"));
+  EXPECT_THAT(import(std::string(kGood) + "image_interval_s: 0.01\nexposure_s: 0.02\n"),
+              HasSubstr("exposure_s exceeds image_interval_s"));
+  test::write_bytes(temp_ / "in/import.yaml", std::string(kGood) + "image_interval_s: 0.2\n");
+  EXPECT_NEAR(read_import(temp_ / "in/import.yaml", temp_ / "in").interval_s, 1.2, 1e-9);
 }
 
 TEST_F(ImportErrors, ProgramLeavesNothingBehind) {

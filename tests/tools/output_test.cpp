@@ -2,6 +2,7 @@
 // No command replaces its own input, nor what it did not write.
 #include <gmock/gmock.h>
 
+#include "core/io/files.h"
 #include "tests/tools/child.h"
 
 namespace fringeslam {
@@ -57,12 +58,89 @@ TEST_F(Output, IsNotTheInput) {
                  "is the input, which would be replaced");
 }
 
+// A result folder is replaced as a whole, but for what the program did not write.
+TEST_F(Output, IsNotAroundTheInput) {
+  test::run_successfully({"render", at("scene"), "--out", at("data"), "--set", "render.samples_per_pixel=1"});
+  fs::copy(temp_ / "data/stacks", temp_ / "images", fs::copy_options::recursive);
+  const auto describe = [&](const std::string& file, const std::string& patterns) {
+    test::write_bytes(
+        temp_ / file,
+        "name: x\nstacks: [\"000000\"]\nignore: [stack.yaml]\npatterns:\n  - {files: \"%02d.png\", sequence: \"" +
+            at(patterns) + "\"}\nprojector: {width_px: 1024, height_px: 768}\n");
+  };
+  fs::copy_file(temp_ / "data/patterns.yaml", temp_ / "patterns.yaml");
+  describe("good.yaml", "patterns.yaml");
+  describe("bad.yaml", "data/patterns.yaml");
+  const auto contains = [&](const std::string& input) {
+    return at("data") + ": contains the input " + at(input) + ", which would be replaced";
+  };
+  const auto import = [&](const std::string& images, const std::string& description, const Words& more) {
+    Words words = {"import", at(images), "--config", at(description), "--out", at("data"), "--quiet", "--no-check"};
+    words.insert(words.end(), more.begin(), more.end());
+    return words;
+  };
+  expect_refused(import("data/stacks", "good.yaml", {}), contains("data/stacks"));
+  expect_refused(import("images", "good.yaml", {"--rig", at("data/rig.yaml")}), contains("data/rig.yaml"));
+  expect_refused(import("images", "bad.yaml", {}), contains("data/patterns.yaml"));
+  describe("data/mine.yaml", "patterns.yaml");
+  const std::string mine = test::read_bytes(temp_ / "data/mine.yaml");
+  test::run_successfully(import("images", "data/mine.yaml", {}));
+  EXPECT_EQ(test::read_bytes(temp_ / "data/mine.yaml"), mine);
+}
+
+TEST_F(Output, OfGeneratedScenesIsNotAroundTheInput) {
+  const auto generate = [&](const std::string& from) {
+    return Words{"scene", "generate", at(from), "--count", "2", "--seed", "010", "--out", at("many"), "--quiet"};
+  };
+  test::run_successfully(generate("scene"));
+  expect_refused(generate("many/000010"), "contains the input " + at("many/000010/scene.yaml"));
+  test::write_small_scene(temp_ / "many/mine");
+  test::run_successfully(generate("many/mine"));
+  EXPECT_EQ(test::read_bytes(temp_ / "many/mine/scene.yaml"), test::kSmallScene);
+  EXPECT_EQ(test::listing(temp_ / "many").count("000011/scene.yaml"), 1u);
+}
+
+TEST_F(Output, IsNoFileOfTheScene) {
+  write_png(temp_ / "scene/wall.png", cv::Mat1b(4, 4, uchar{90}));
+  test::write_bytes(temp_ / "scene/scene.yaml",
+                    test::replaced(test::kSmallScene, "{grain: wood, albedo: 0.4, contrast: 0.35, grain_m: 0.012}",
+                                   "{texture: wall.png}"));
+  for (const Words& verb : {Words{"scene", "preview", at("scene"), "--size", "320"}, Words{"effects", at("scene")}}) {
+    Words words = verb;
+    words.insert(words.end(), {"--out", at("scene/wall.png")});
+    expect_refused(words, at("scene/wall.png") + ": is the input, which would be replaced");
+  }
+}
+
+// Files beside an exported mesh have names that the user did not choose.
+TEST_F(Output, ReplacesOnlyCompanionsOfAnEarlierExport) {
+  const auto exported = [&](const std::string& file) {
+    return Words{"scene", "export", at("scene"), "--out", at(file)};
+  };
+  test::write_bytes(temp_ / "a/f.mtl", "mine");
+  expect_refused(exported("a/f.obj"), at("a/f.mtl") + ": exists and was not written with f.obj");
+  test::write_bytes(temp_ / "a/h.bin", "mine");
+  expect_refused(exported("a/h.gltf"), at("a/h.bin") + ": exists and was not written with h.gltf");
+  for (const std::string file : {"b/my f.obj", "b/my f.gltf"}) {
+    fs::create_directory(temp_ / "b");
+    test::run_successfully(exported(file));
+    test::run_successfully(exported(file));
+  }
+  test::write_bytes(temp_ / "scene/wall.mtl", "newmtl a\nKd 1 1 1\n");
+  test::write_bytes(temp_ / "scene/room.obj", "mtllib wall.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl a\nf 1 2 3\n");
+  test::write_bytes(temp_ / "scene/wall.obj", "mtllib wall.mtl\n");
+  test::write_bytes(temp_ / "scene/scene.yaml",
+                    test::replaced(test::kSmallScene, "{shape: plane, size_m: [0.8, 0.8], material: table}",
+                                   "{shape: mesh, file: room.obj, unit_m: 1, up: z}"));
+  expect_refused(exported("scene/wall.obj"), at("scene/wall.mtl") + ": is an input, which would be replaced");
+}
+
 TEST_F(Output, HasTheNameOfItsKind) {
   expect_refused({"scene", "preview", at("scene"), "--out", at("scene/scene.yaml")}, "the name must end in .png");
   expect_refused({"effects", at("scene"), "--out", at("scene/scene.yaml")}, "the name must end in .png");
   test::write_bytes(temp_ / "run/frames.json", "{}");
   expect_refused({"report", at("run"), "--out", at("run/frames.json")}, "the name must end in .html");
-  expect_refused({"scene", "preview", at("scene"), "--out", ""}, "the name must end in .png");
+  expect_refused({"scene", "preview", at("scene"), "--out", ""}, "--out: is empty");
 }
 
 // An argument behind a repeatable option is not one more of its values.
@@ -121,7 +199,8 @@ TEST_F(Output, TimesThatGoBackwardsAreRefused) {
   const fs::path stack = temp_ / "data/stacks/000000/stack.yaml", about = temp_ / "data/dataset.yaml";
   test::write_bytes(about, test::replaced(test::read_bytes(about), "truth: true", "truth: false"));
   const std::string text = test::read_bytes(stack);
-  test::write_bytes(stack, test::replaced(text, text.substr(0, text.find('\n')), "timestamp_s: 9"));
+  const std::string without_image_times = text.substr(0, text.find("exposure_time_s"));
+  test::write_bytes(stack, test::replaced(without_image_times, text.substr(0, text.find('\n')), "timestamp_s: 9"));
   expect_refused({"run", at("data"), "--out", at("out"), "--quiet"}, "is not later than that of the stack before it");
 }
 

@@ -182,6 +182,8 @@ TEST_F(TumRgbd, NothingIsLeftOfWhatFails) {
         std::tuple("results/a", std::vector<std::string>{"--format", "tum"}, "--format"),
         std::tuple("results/b", std::vector<std::string>{"--depth", "truth"}, "--depth"),
         std::tuple("results/c", std::vector<std::string>{"--format", "fringes", "--distorted"}, "has no effect"),
+        std::tuple("results/d", std::vector<std::string>{"--format", "tum-rgbd", "--depth-scale", "50000"},
+                   "--depth-scale: at 50000 units per meter, 16 bits end at 1.3107 m"),
         std::tuple("results/d", std::vector<std::string>{"--format", "tum-rgbd", "--depth-scale", "0"},
                    "--depth-scale"),
         std::tuple("results/e",

@@ -167,6 +167,35 @@ TEST(Yaml, AMessageIsOneLineWhateverItQuotes) {
             "f.yaml:1: unknown key 'a  [2Jb '");
 }
 
+TEST(Yaml, ASingleLineHasNoControlCharacters) {
+  EXPECT_EQ(single_line("\u00e9\n\x1b]0;\x7f\xc2\x9b"
+                        "1m\xc2\x80\u00a0\xc2"),
+            "\u00e9  ]0;   1m  \u00a0\xc2");
+}
+
+TEST(Yaml, ReplacedScalarsLeaveTheRestUnchanged) {
+  const auto replaced = [](const std::string& text) {
+    return with_replaced_scalars(text, "a.yaml", [](const std::string& section, const std::string& value) {
+      return value == "old" ? std::optional(section + "'\"\\\n$1\u00e9") : std::nullopt;
+    });
+  };
+  const auto expect = [&](const std::string& before, const std::string& old, const std::string& section,
+                          const std::string& after) {
+    const std::string result = replaced(before + old + after);
+    EXPECT_EQ(result, before + "\"" + section + "'\\\"\\\\\\n$1\u00e9\"" + after);
+  };
+  for (const std::string old : {"old", "'old'", "\"old\"", "\"\\x6Fld\"", "\"ol\\\n    d\""}) {
+    expect("# old: old\n\u00e9: ''\nold: ", old, "old", " # old\n");
+    expect("\xEF\xBB\xBF{a: {old: [it's, 'it''s', \"\\\"\", ", old, "a", "], c: older}}");
+    expect("a:\r\n- text\r\n  of lines\r\n- b: ", old, "a", "\r\n");
+  }
+  EXPECT_EQ(replaced("a: ~\n"), "a: ~\n");
+  EXPECT_EQ(message_of([&] { (void)replaced("a: 1\nb: |-\n  old\n"); }),
+            "a.yaml:2: this value cannot be replaced; write it on one line, or in quotes");
+  EXPECT_THAT(message_of([&] { (void)replaced("a: [old"); }), HasSubstr("a.yaml:"));
+  EXPECT_THAT(message_of([&] { (void)replaced("\"\xff\": old\n"); }), HasSubstr("a.yaml:1: "));
+}
+
 TEST(Yaml, MissingFileAndFolderAreNamed) {
   const test::TempFolder temp;
   const std::string missing = (temp / "none.yaml").string();

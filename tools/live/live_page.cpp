@@ -19,7 +19,9 @@ LivePage::LivePage(LiveSetup setup, LiveAccess access)
       server_(std::move(access), "--live", [this](const PageRequest& request) { return answer(request); }) {}
 
 PageAnswer LivePage::answer(const PageRequest& request) {
-  static const std::regex picture(R"(/picture/(\d{1,9})/([a-z]+\.(jpg|png)))"), points(R"(/keyframe/(\d{1,9})/points)");
+  // Repetitions are bounded, because std::regex needs stack in proportion to the text.
+  static const std::regex picture(R"(/picture/(\d{1,9})/([a-z]{1,20}\.(jpg|png)))"),
+      points(R"(/keyframe/(\d{1,9})/points)");
   if (request.path == "/") return PageAnswer::of(std::string(live_page()), "text/html; charset=utf-8");
   if (request.path == "/snapshot") return PageAnswer::of(feed_.snapshot(), "application/json");
   if (request.path == "/changes") {
