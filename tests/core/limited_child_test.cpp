@@ -54,7 +54,7 @@ TEST(LimitedChild, OthersAreOutOfReach) {
   EXPECT_EQ(answer.bytes, "kill tkill tgkill sigqueue prlimit socket .");
 }
 
-// What the parent has open, such as results and connections, is closed.
+// The child must not reach results and connections of its parent.
 TEST(LimitedChild, OpenFilesOfTheParentAreOutOfReach) {
   const int opened = open("/dev/null", O_RDONLY);  // inherited even by exec()
   ASSERT_GE(opened, 3);

@@ -334,7 +334,7 @@ TEST_F(ClosedLoop, PackedPatternsOfAProjectorThatStepsByItself) {
   }
 }
 
-// What the projector showed before the sequence must not pass for its first bit.
+// The image shown before the sequence must not pass for its first bit.
 TEST_F(ClosedLoop, ADroppedFirstBitOfAGrayCodeIsNoticed) {
   SequenceDesign design;
   design.width = 1024;
