@@ -73,10 +73,11 @@ class ReplayRig : public Rig {
   int next_ = 0;
 };
 
+enum class Durable { no, yes };
+
 // Forwards the captures of another rig and records them in `folder`, which must exist. finish() writes dataset.yaml,
 // which makes the folder a dataset. If durable, each capture is on the disk before it returns, and dataset.yaml before finish()
 // returns, so that a loss of power leaves a dataset of complete stacks.
-enum class Durable { no, yes };
 class RecordingRig : public Rig {
  public:
   RecordingRig(Rig& inner, std::filesystem::path folder, Durable durable = Durable::no);
