@@ -269,7 +269,7 @@ Pose Mapper::estimate_motion(FrameResult& result, const MapperInput& input, cons
                         world_from_reference.inverse() * world_from_camera, slopes, result.motion->motion, widened);
     if (!found.valid) return predicted.world_from_camera;
     const Vector12d change = to_vector(result.motion->motion) + found.step - to_vector(prior.motion);
-    if (!by_own_stack && vibration_.note(change, prior.covariance)) {
+    if (!by_own_stack && vibration_.note(change, prior.covariance, found.motion_covariance)) {
       widened = prior;
       vibration_.widen(widened.covariance);
       world_from_camera = world_from_reference * found.target_from_source;

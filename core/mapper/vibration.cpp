@@ -3,18 +3,25 @@
 
 #include <algorithm>
 
+#include "core/types/linear_algebra.h"
+
 namespace fringeslam {
 
-bool Vibration::note(const Vector12d& change, const Matrix12d& covariance) {
+bool Vibration::note(const Vector12d& change, const Matrix12d& of_prediction, const Matrix12d& of_motion) {
   constexpr double kSmooth = 1e-2;  // m/s or rad/s
   constexpr double kSigmas = 3, kClearly = 2;
   constexpr size_t kFew = 4;
   const auto excess = [&](int first) {
     // The first views are predicted from motions that their stacks determined by themselves. Later, the predictor adapts
     // to vibration and inflates its covariance.
-    const double doubtful = views_ < kFew ? kSigmas * kSigmas * covariance.diagonal().segment<3>(first).mean() : 0;
-    const double square = change.segment<3>(first).squaredNorm() / 3;
-    return square > std::max(doubtful, kSmooth * kSmooth) ? square : 0;
+    const double doubtful = views_ < kFew ? kSigmas * kSigmas * of_prediction.diagonal().segment<3>(first).mean() : 0;
+    const Eigen::Vector3d difference = change.segment<3>(first);
+    const double square = difference.squaredNorm() / 3;
+    if (square <= std::max(doubtful, kSmooth * kSmooth)) return 0.0;
+    // Once vibration widens the prior, depths leave some directions to chance: their errors must not prolong it.
+    const Eigen::MatrixXd uncertain = of_motion.block<3, 3>(first, first);
+    const double sigmas2 = difference.dot(solve_positive_definite(uncertain, Eigen::VectorXd(difference)));
+    return sigmas2 > 3 * kSigmas * kSigmas ? square : 0.0;
   };
   const Changes before = recent();
   here_ = {std::max(here_.angular_rad2_s2, excess(0)), std::max(here_.velocity_m2_s2, excess(3))};

@@ -19,9 +19,9 @@ class Vibration {
     here_ = {};
     interval_s_ = interval_s;
   }
-  // Notes how the motion during the current view differs from its prediction, which has this covariance. Returns true
+  // Notes how the motion during the current view differs from its prediction, given the covariances of both. Returns true
   // if the difference is clearly larger than those of the last views.
-  bool note(const Vector12d& change, const Matrix12d& covariance);
+  bool note(const Vector12d& change, const Matrix12d& of_prediction, const Matrix12d& of_motion);
   // Notes the vibration that the poses of the last views reveal.
   void note(const VibrationEstimate& revealed) { revealed_ = revealed; }
   void end_view();  // the view is tracked

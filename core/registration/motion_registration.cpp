@@ -110,12 +110,16 @@ MotionRegistration register_motion(const Frame& target, const Frame& source, con
   constexpr int kIterations = 8;
   constexpr double kSettledSigmas = 0.1, kScaleSettled = 1.2;
   constexpr int kScaleIterations = 20;
+  // Directions, as many as the motion has, that count as having agreed with the prior before. The depths of a view in
+  // smooth motion determine few directions and none better than the prior, so that the likelihood of the scale is flat:
+  // one error of 3.5 sigmas in a hundred views would free the whole motion.
+  constexpr double kAgreed = 12;
   const Matrix12d prior_information = inverse_positive_definite(Eigen::MatrixXd(prior.covariance));
   const Vector12d from_prior = to_vector(current) - to_vector(prior.motion);
   MotionRegistration result;
   result.target_from_source = initial;
-  // Factor of the prior's covariance, by expectation maximisation: a motion that contradicts the prior in the directions
-  // that the depth determines reduces confidence in the prior in the other directions, too.
+  // Most probable factor of the prior's covariance, by expectation maximisation: a motion that contradicts the prior in the
+  // directions that the depth determines reduces confidence in the prior in the other directions, too.
   double scale = 1;
   // The motion is uncertain at first, then known. A narrow prior hardly widens the gates.
   constexpr double kNarrow = 5e-3;  // m/s or rad/s
@@ -141,7 +145,8 @@ MotionRegistration register_motion(const Frame& target, const Frame& source, con
     for (int i = 0; i < kScaleIterations && step.allFinite(); ++i) {
       const Vector12d off = from_prior + result.step + step.tail<12>();
       const Matrix12d left = inverse_positive_definite(Eigen::MatrixXd(information)).bottomRightCorner<12, 12>();
-      const double found = std::max(1.0, (off.dot(prior_information * off) + (prior_information * left).trace()) / 12);
+      const double squares = off.dot(prior_information * off) + (prior_information * left).trace();
+      const double found = std::max(1.0, (kAgreed + squares) / (kAgreed + 12));
       const bool settled = found < kScaleSettled * scale;
       scale = std::max(scale, found);
       if (settled) break;

@@ -33,7 +33,7 @@ struct MotionRegistration {
 
 // Registers `source`, decoded with the motion `current`, to `target`, starting at `initial`. `slopes` are those of the
 // source's pixels. If the motion that explains the depths contradicts the prior, the prior's covariance is multiplied by the
-// factor of greatest likelihood. Not valid if too few points correspond.
+// most probable factor. Not valid if too few points correspond.
 MotionRegistration register_motion(const Frame& target, const Frame& source, const Pinhole& camera, const Pose& initial,
                                    const std::vector<DepthSlope>& slopes, const CameraMotion& current,
                                    const MotionPrior& prior);

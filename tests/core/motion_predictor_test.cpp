@@ -7,6 +7,8 @@
 #include <cmath>
 #include <random>
 
+#include "core/mapper/vibration.h"
+
 namespace fringeslam {
 namespace {
 
@@ -119,6 +121,25 @@ TEST(Vibration, IsExcludedByManySmoothPosesOnly) {
     EXPECT_GT(estimate_vibration(few, {}, kImages_hz).expected.shift_m, 2e-4) << seed;
   }
   EXPECT_EQ(estimate_vibration({}, {}, kImages_hz).expected.shift_m, 0);
+}
+
+// In a widened prior, depths leave some directions of the motion to chance. Their errors are no vibration.
+TEST(Vibration, IsNotFoundInErrorsOfTheEstimatedMotion) {
+  constexpr double kCertain = 1e-3, kUncertain = 2e-2;  // m/s or rad/s, standard deviations of the estimate
+  const Matrix12d of_prediction = 1e-6 * Matrix12d::Identity();
+  Matrix12d of_motion = kCertain * kCertain * Matrix12d::Identity();
+  of_motion(2, 2) = of_motion(5, 5) = kUncertain * kUncertain;
+  const auto found = [&](int direction, double change) {
+    Vibration vibration(90);
+    vibration.begin_view(1 / 30.0);
+    return vibration.note(change * Vector12d::Unit(direction), of_prediction, of_motion);
+  };
+  for (const int uncertain : {2, 5}) {
+    EXPECT_FALSE(found(uncertain, 2 * kUncertain));
+    EXPECT_TRUE(found(uncertain, 8 * kUncertain));
+    EXPECT_TRUE(found(uncertain - 2, 2 * kUncertain));
+    EXPECT_FALSE(found(uncertain - 2, 8 * kCertain));  // smaller than vibration that matters
+  }
 }
 
 }  // namespace
