@@ -483,10 +483,21 @@ std::vector<YamlMap> YamlMap::maps(const std::string& key) const {
   });
 }
 
-std::vector<std::string> YamlMap::keys() const {
+namespace {
+
+std::vector<std::string> keys_of(const YAML::Node& map) {
   std::vector<std::string> result;
-  for (const auto& entry : node_->yaml) result.push_back(entry.first.Scalar());
+  for (const auto& entry : map) result.push_back(entry.first.Scalar());
   return result;
+}
+
+}  // namespace
+
+std::vector<std::string> YamlMap::keys() const { return keys_of(node_->yaml); }
+
+std::vector<std::string> YamlMap::keys_in(const std::string& key) const {
+  const YAML::Node map = node_->lookup(key);
+  return map.IsDefined() && map.IsMap() ? keys_of(map) : std::vector<std::string>();
 }
 
 std::string YamlMap::yaml(const std::string& key) const { return flow_text(node_->require(key)); }

@@ -76,6 +76,8 @@ class YamlMap {
   YamlMap map(const std::string& key) const;
   std::vector<YamlMap> maps(const std::string& key) const;
   std::vector<std::string> keys() const;
+  // The keys of the map `key`, which is not marked as read; none if it is missing or not a map.
+  std::vector<std::string> keys_in(const std::string& key) const;
   // Returns a value as YAML on one line.
   std::string yaml(const std::string& key) const;
 

@@ -111,7 +111,29 @@ class SceneLayers {
     // These sections are read before any value is replaced, so that the change would have no effect.
     if (section == "include" || section == "placed")
       throw layers_.front().error(section, path + ": '" + section + "' cannot be changed by key path; edit the file");
-    owner(section).set(path, value);
+    if (path == "rig.hardware" || path.starts_with("rig.hardware."))
+      throw layers_.front().error("rig",
+                                  path + ": scenes have no hardware; edit the file of the rig that is captured with");
+    if (section == "materials" && section != path)
+      owner_of_material(path).set(path, value);
+    else
+      owner(section).set(path, value);
+  }
+
+  // Returns the layer with the material of a key path: its first one is used. A path to a key of a material that no layer has
+  // would define one that no object uses; whole materials can be added.
+  YamlMap& owner_of_material(const std::string& path) {
+    const size_t begin = path.find('.') + 1, end = path.find('.', begin);
+    const std::string name = path.substr(begin, end - begin);
+    std::string names;
+    for (YamlMap& layer : layers_) {
+      for (const std::string& other : layer.keys_in("materials")) {
+        if (other == name) return layer;
+        names += (names.empty() ? "" : ", ") + other;
+      }
+    }
+    if (end == std::string::npos) return owner("materials");
+    throw layers_.front().error("materials", path + ": there is no material '" + name + "'; there are: " + names);
   }
 
   YamlMap& owner(const std::string& section) {

@@ -137,6 +137,36 @@ TEST_F(SceneVariant, ChangesOfUnknownSectionsAreRefused) {
   EXPECT_THAT(errors, testing::ElementsAre(HasSubstr("unknown key 'board'")));
 }
 
+TEST_F(SceneVariant, ChangesReachMaterialsOfIncludedFilesAndNoOthers) {
+  write_text(temp_ / "more.yaml", "materials: {b: {grain: plain, albedo: 0.7}}\n");
+  const std::string scene = file("", "include: more.yaml\n").string();
+  const auto changed = [&](const std::vector<std::pair<std::string, std::string>>& changes) {
+    SceneLoadOptions reading;
+    reading.changes = changes;
+    return load_scene(scene, reading);
+  };
+  const auto albedo = [](const Scene& of) { return of.objects[1].material.albedo; };
+  EXPECT_NEAR(albedo(changed({{"materials.a.albedo", "0.3"}})), 0.3, 1e-6);
+  EXPECT_NEAR(albedo(changed({{"objects.1.material", "b"}})), 0.7, 1e-6);
+  const Scene smoother = changed({{"objects.1.material", "b"}, {"materials.b.roughness", "0.2"}});
+  EXPECT_NEAR(albedo(smoother), 0.7, 1e-6);
+  EXPECT_NEAR(smoother.objects[1].material.roughness, 0.2, 1e-6);
+  EXPECT_NEAR(albedo(changed({{"materials.c", "{grain: plain, albedo: 0.2}"}, {"objects.1.material", "c"}})), 0.2, 1e-6);
+  EXPECT_THAT(error_of([&] {
+                changed({{"materials.bb.albedo", "0.2"}});
+              }),
+              AllOf(StartsWith(scene), HasSubstr("there is no material 'bb'; there are: a, b")));
+}
+
+// Simulated images do not depend on it.
+TEST_F(SceneVariant, ChangesOfTheRigsHardwareAreRefused) {
+  for (const std::string path : {"rig.hardware", "rig.hardware.camera.exposure_s"})
+    EXPECT_THAT(error_of([&] {
+                  with({{path, "0.01"}});
+                }),
+                AllOf(StartsWith(file().string()), HasSubstr("scenes have no hardware")));
+}
+
 // They are read before the changes are made.
 TEST_F(SceneVariant, ChangesOfWhatIsReadBeforeThemAreRefused) {
   const std::string scene = file().string();
