@@ -151,7 +151,8 @@ TEST_F(SceneVariant, ChangesReachMaterialsOfIncludedFilesAndNoOthers) {
   const Scene smoother = changed({{"objects.1.material", "b"}, {"materials.b.roughness", "0.2"}});
   EXPECT_NEAR(albedo(smoother), 0.7, 1e-6);
   EXPECT_NEAR(smoother.objects[1].material.roughness, 0.2, 1e-6);
-  EXPECT_NEAR(albedo(changed({{"materials.c", "{grain: plain, albedo: 0.2}"}, {"objects.1.material", "c"}})), 0.2, 1e-6);
+  EXPECT_NEAR(albedo(changed({{"materials.c", "{grain: plain, albedo: 0.2}"}, {"objects.1.material", "c"}})), 0.2,
+              1e-6);
   EXPECT_THAT(error_of([&] {
                 changed({{"materials.bb.albedo", "0.2"}});
               }),
