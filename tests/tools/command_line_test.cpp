@@ -303,7 +303,7 @@ TEST(CommandLineValues, AreNotEmpty) {
        std::vector<std::vector<std::string>>{{"run", "data", "--map", ""},
                                              {"run", ""},
                                              {"score", "a.ply", "--truth", "b", "--trajectory", ""},
-                                             {"report", "run", "--out", ""},
+                                             {"landmarks", "data", "--out", ""},
                                              {"evaluate", "smoke", "--with", "x {dataset} {out}", "--out", ""}}) {
     const test::Finished refused = run_program(words);
     EXPECT_EQ(refused.exit_code, 2) << words[0];

@@ -138,8 +138,6 @@ TEST_F(Output, ReplacesOnlyCompanionsOfAnEarlierExport) {
 TEST_F(Output, HasTheNameOfItsKind) {
   expect_refused({"scene", "preview", at("scene"), "--out", at("scene/scene.yaml")}, "the name must end in .png");
   expect_refused({"effects", at("scene"), "--out", at("scene/scene.yaml")}, "the name must end in .png");
-  test::write_bytes(temp_ / "run/frames.json", "{}");
-  expect_refused({"report", at("run"), "--out", at("run/frames.json")}, "the name must end in .html");
   expect_refused({"scene", "preview", at("scene"), "--out", ""}, "--out: is empty");
 }
 

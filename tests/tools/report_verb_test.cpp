@@ -48,6 +48,14 @@ class ReportVerb : public testing::Test {
 };
 test::TempFolder* ReportVerb::temp_ = nullptr;
 
+TEST_F(ReportVerb, OutputHasTheNameOfAPage) {
+  const std::string before = read_bytes(at("run/frames.json"));
+  const test::Finished finished = run_program({"report", at("run"), "--out", at("run/frames.json")});
+  EXPECT_EQ(finished.exit_code, 2);
+  EXPECT_THAT(finished.err, HasSubstr("the name must end in .html"));
+  EXPECT_EQ(read_bytes(at("run/frames.json")), before);
+}
+
 TEST_F(ReportVerb, WritesWhatTheRunWrote) {
   run_successfully({"report", at("run"), "--out", at("again.html"), "--quiet"});
   const std::string page = read_bytes(at("again.html"));
