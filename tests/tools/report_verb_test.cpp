@@ -36,8 +36,8 @@ class ReportVerb : public testing::Test {
     test::fs::copy(at("run"), at(name), test::fs::copy_options::recursive);
     return at(name);
   }
-  static std::string refused(const std::string& run) {
-    const test::Finished finished = run_program({"report", run, "--out", at("none.html")});
+  static std::string refused(const std::string& run, const std::string& page = at("none.html")) {
+    const test::Finished finished = run_program({"report", run, "--out", page});
     EXPECT_EQ(finished.exit_code, 2);
     EXPECT_FALSE(test::fs::exists(at("none.html")));
     EXPECT_EQ(std::count(finished.err.begin(), finished.err.end(), '\n'), 1) << finished.err;
@@ -50,10 +50,11 @@ test::TempFolder* ReportVerb::temp_ = nullptr;
 
 TEST_F(ReportVerb, OutputHasTheNameOfAPage) {
   const std::string before = read_bytes(at("run/frames.json"));
-  const test::Finished finished = run_program({"report", at("run"), "--out", at("run/frames.json")});
-  EXPECT_EQ(finished.exit_code, 2);
-  EXPECT_THAT(finished.err, HasSubstr("the name must end in .html"));
+  const std::set<std::string> files = test::listing(temp_->path());
+  EXPECT_THAT(refused(at("run"), at("run/frames.json")), HasSubstr("the name must end in .html"));
+  EXPECT_THAT(refused(at("run"), ""), HasSubstr(": is empty; give it a value or leave it out"));
   EXPECT_EQ(read_bytes(at("run/frames.json")), before);
+  EXPECT_EQ(test::listing(temp_->path()), files);
 }
 
 TEST_F(ReportVerb, WritesWhatTheRunWrote) {
