@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// What the program expects of its process: signals, standard streams, messages of exceptions.
+// Setup of the program's process: signals, standard streams, messages of exceptions.
 #pragma once
 
 #include <exception>

@@ -16,7 +16,7 @@
 
 namespace fringeslam::twin {
 
-// What one stack measures, real or simulated.
+// Measurements of one stack, real or simulated.
 struct Capture {
   FringeStack stack;
   DecodedStack decoded;

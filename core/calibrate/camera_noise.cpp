@@ -373,8 +373,8 @@ void NoiseEstimator::add_residuals(const FringeStack& stack) {
     if (pass == 0) typical = std::max(median(std::move(sizes)) / static_cast<double>(model.residual.cols()), 1e-6);
     coefficients = regression.solve(typical, static_cast<Eigen::Index>(model.images.size()));
   }
-  // What remains of the deterministic residuals, such as indirect light, varies smoothly over the image, and harmonics
-  // whose amplitude varies over the image vary only across the fringes. The second difference over kDistance px along
+  // The remaining deterministic residuals, such as indirect light, vary smoothly over the image, and harmonics whose
+  // amplitude varies over the image vary only across the fringes. The second difference over kDistance px along
   // the rows or the columns, whichever is smaller, removes both; over 1 px it would also remove noise that
   // interpolation has correlated.
   constexpr int kDistance = 3;

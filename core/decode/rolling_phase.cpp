@@ -107,7 +107,7 @@ StepWeights resting_weights(const RollingImages& in, size_t begin) {
   return normal.inverse() * basis.transpose();
 }
 
-// What changes from iteration to iteration; all images are H x W. Phasors are B exp(i phi) at the reference time.
+// Unknowns that each iteration updates; all images are H x W. Phasors are B exp(i phi) at the reference time.
 struct RollingState {
   cv::Mat1b usable;
   cv::Mat1d mean, cosine, sine, mean_drift;
@@ -324,7 +324,7 @@ Harmonic estimate_harmonic(const RollingImages& in, const SharedNormal& normal, 
   return out;
 }
 
-// What finish_row() needs beside the state.
+// Inputs of finish_row() in addition to the state.
 struct RollingErrors {
   cv::Mat1d drift, mixed, change;  // covariance of (eps, a), H x W
   cv::Mat1d misfit;                // variance of the residuals relative to the camera's noise, at least 1, H x W

@@ -261,7 +261,7 @@ Balance balance(const Evidence& registration, const Evidence& alternative) {
   return result;
 }
 
-// What a correct pose loses to shadows, gloss and other effects that the evidence does not model.
+// Evidence that a correct pose loses to shadows, gloss and other effects that the evidence does not model.
 double unmodelled(const Evidence& registration) {
   constexpr double kShare = 0.3;
   double loss = 0;

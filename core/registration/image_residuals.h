@@ -14,7 +14,7 @@
 
 namespace fringeslam {
 
-// What a view shows: all images are H x W in the camera's pixel grid.
+// Frame and image model of a view; all images are H x W in the camera's pixel grid.
 struct ImageReference {
   Frame frame;              // points, their sigmas and normals
   cv::Mat1f mean_dn;        // I'
@@ -47,7 +47,7 @@ struct ImageSums {
   int inliers = 0;     // within the cut-off
 };
 
-// What is summed up in ImageSums::information.
+// Quantity that ImageSums::information sums up.
 enum class ImageInformation {
   residuals,       // weights
   reference_noise  // the part of the residuals' variance that is due to the reference, times the squared weights

@@ -56,6 +56,7 @@ class ReplayRig : public Rig {
   const RigModel& model() const override { return model_; }
   const PatternSequence& sequence() const { return sequence_; }
   const DatasetInfo& info() const { return info_; }
+  const std::filesystem::path& folder() const { return folder_; }
   bool can_change_patterns() const override { return false; }
   // Replaces lenses and relative pose by those of a calibration; see with_calibration().
   void recalibrate(const RigModel& calibration);

@@ -2,7 +2,9 @@
 // Sources of fringe stacks: recorded datasets, imported images, and recording.
 
 #include "core/import/import.h"
+#include "core/io/staged.h"
 #include "core/rig/dataset.h"
+#include "core/types/error.h"
 #include "python/src/bindings.h"
 #include "python/src/python_objects.h"
 
@@ -30,11 +32,21 @@ class StackIterator {
   PatternSequence sequence_;
 };
 
+// Returns the rig. Throws Error if a recording in `folder` would replace the dataset that it replays.
+std::shared_ptr<Rig> rig_to_record(const py::object& rig, const std::filesystem::path& folder) {
+  std::shared_ptr<Rig> inner = rig_of(rig);
+  const auto* replay = dynamic_cast<const ReplayRig*>(inner.get());
+  if (replay && is_replaced_with(replay->folder(), folder))
+    throw Error(folder.string() +
+                ": contains the dataset that is replayed, which would be replaced; choose another folder");
+  return inner;
+}
+
 // RecordingRig, with a folder that appears only when complete.
 class Recorder : public Rig {
  public:
   Recorder(const py::object& rig, const std::filesystem::path& folder)
-      : inner_(rig_of(rig)), folder_(folder, "dataset"), recording_(*inner_, folder_.path()) {}
+      : inner_(rig_to_record(rig, folder)), folder_(folder, "dataset"), recording_(*inner_, folder_.path()) {}
   const RigModel& model() const override { return inner_->model(); }
   std::optional<FringeStack> capture(const PatternSequence& sequence) override { return recording_.capture(sequence); }
   bool can_change_patterns() const override { return false; }

@@ -65,11 +65,10 @@ class SceneLayers {
     for (size_t i = 0; i < values_.size(); ++i) {
       const std::string place = layers_[i].place(), file = place.substr(0, place.rfind(':'));
       for (YamlValue& value : *values_[i]) {
-        const std::string section = value.path.substr(0, value.path.find('.'));
         // Single entries of a list in another file, such as the rig's, cannot be overridden.
         const bool is_entry =
             value.path.find_first_not_of("0123456789", value.path.rfind('.') + 1) == std::string::npos;
-        const bool changeable = &owner(section) == &layers_[i] && (!is_entry || value.place.starts_with(file));
+        const bool changeable = owner_of(value.path) == &layers_[i] && (!is_entry || value.place.starts_with(file));
         reading_.values->push_back({std::move(value), changeable});
       }
     }
@@ -114,32 +113,47 @@ class SceneLayers {
     if (path == "rig.hardware" || path.starts_with("rig.hardware."))
       throw layers_.front().error("rig",
                                   path + ": scenes have no hardware; edit the file of the rig that is captured with");
-    if (section == "materials" && section != path)
-      owner_of_material(path).set(path, value);
-    else
-      owner(section).set(path, value);
+    YamlMap* layer = owner_of(path);
+    if (!layer) throw unknown_material(path);
+    layer->set(path, value);
   }
 
-  // Returns the layer with the material of a key path: its first one is used. A path to a key of a material that no layer has
-  // would define one that no object uses; whole materials can be added.
-  YamlMap& owner_of_material(const std::string& path) {
-    const size_t begin = path.find('.') + 1, end = path.find('.', begin);
-    const std::string name = path.substr(begin, end - begin);
-    std::string names;
-    for (YamlMap& layer : layers_) {
-      for (const std::string& other : layer.keys_in("materials")) {
-        if (other == name) return layer;
-        names += (names.empty() ? "" : ", ") + other;
-      }
+  // Returns the layer whose value a key path changes: the first one that has the section or, since materials are merged from
+  // all layers, the material. Null for a key of a material that no layer has: setting it would define a material that no
+  // object uses. Whole materials can be added.
+  YamlMap* owner_of(const std::string& path) {
+    const auto first_with = [&](const auto& has) {
+      const auto found = std::find_if(layers_.begin(), layers_.end(), has);
+      return found == layers_.end() ? nullptr : &*found;
+    };
+    const std::string section = path.substr(0, path.find('.'));
+    const bool is_material = section == "materials" && section != path;
+    if (is_material) {
+      const std::string name = material_of(path);
+      YamlMap* layer = first_with([&](const YamlMap& each) {
+        const std::vector<std::string> names = each.keys_in("materials");
+        return std::find(names.begin(), names.end(), name) != names.end();
+      });
+      const bool whole = path == section + "." + name;
+      if (layer || !whole) return layer;
     }
-    if (end == std::string::npos) return owner("materials");
-    throw layers_.front().error("materials", path + ": there is no material '" + name + "'; there are: " + names);
+    YamlMap* layer = first_with([&](const YamlMap& each) { return each.contains(section); });
+    return layer ? layer : &layers_.front();
   }
 
-  YamlMap& owner(const std::string& section) {
-    const auto has = [&](const YamlMap& layer) { return layer.contains(section); };
-    const auto found = std::find_if(layers_.begin(), layers_.end(), has);
-    return found == layers_.end() ? layers_.front() : *found;
+  // Second part of a key path.
+  static std::string material_of(const std::string& path) {
+    const size_t begin = path.find('.') + 1;
+    return path.substr(begin, path.find('.', begin) - begin);
+  }
+
+  Error unknown_material(const std::string& path) const {
+    std::string names;
+    for (const YamlMap& layer : layers_) {
+      for (const std::string& name : layer.keys_in("materials")) names += (names.empty() ? "" : ", ") + name;
+    }
+    return layers_.front().error("materials", path + ": there is no material '" + material_of(path) + "'" +
+                                                  (names.empty() ? "; the scene has none" : "; there are: " + names));
   }
 
   void report_missing(const YamlMap& map, const fs::path& file) {

@@ -105,7 +105,7 @@ TEST_F(DatasetVerb, KilledAtAnyMomentItContinues) {
     int status = 0;
     waitpid(run, &status, 0);
     in_mid_run += WIFSIGNALED(status);
-    // What has its final name is complete at all times.
+    // A file with its final name is complete at all times.
     for (const auto& [name, sum] : contents("killed")) {
       if (name.ends_with(".tar") && !name.starts_with("parts")) {
         EXPECT_EQ(sum, contents("whole").at(name)) << name;

@@ -75,7 +75,7 @@ TEST(DatasetSpec, IsReadAndChecked) {
   EXPECT_TRUE(spec.writes(Part::sigma));
   const std::string identity = check_spec(spec);
   EXPECT_EQ(check_spec(read_spec(spec.file)), identity);
-  // What is only quoted does not change the samples; what is drawn does.
+  // Quoted values do not change the samples; drawn values do.
   test::write_bytes(spec.file, replaced(test::kSmallDataset, "Boxes, for tests", "Other words"));
   EXPECT_EQ(check_spec(read_spec(spec.file)), identity);
   test::write_bytes(spec.file, replaced(test::kSmallDataset, "[10, 1000]", "[10, 1001]"));

@@ -79,6 +79,19 @@ def test_an_unfinished_recording_leaves_nothing(scene, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_recording_does_not_replace_the_dataset_that_is_replayed(scene, tmp_path):
+    folder = tmp_path / "dataset"
+    recorder = fs.RecordingRig(fs.VirtualRig(scene), folder)
+    recorder.capture(scene.patterns)
+    recorder.finish(scene.name, scene.seed)
+    with pytest.raises(fs.Error, match="dataset: contains the dataset that is replayed"):
+        fs.RecordingRig(fs.ReplayRig(folder), folder)
+    copy = fs.RecordingRig(fs.ReplayRig(folder), tmp_path / "copy")
+    assert copy.capture(scene.patterns) is not None
+    copy.finish(scene.name, scene.seed)
+    assert len(fs.ReplayRig(folder)) == len(fs.ReplayRig(tmp_path / "copy")) == 1
+
+
 def test_trajectories_are_written_and_read(tmp_path):
     poses = np.stack([np.eye(4)] * 3)
     poses[:, 0, 3] = [0, 1, 2]

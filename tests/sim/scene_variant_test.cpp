@@ -159,6 +159,22 @@ TEST_F(SceneVariant, ChangesReachMaterialsOfIncludedFilesAndNoOthers) {
               AllOf(StartsWith(scene), HasSubstr("there is no material 'bb'; there are: a, b")));
 }
 
+TEST_F(SceneVariant, MaterialsAreListedAsChangeableWhereChangesReachThem) {
+  const std::string other = (temp_ / "more.yaml").string();
+  write_text(other, "materials: {a: {grain: plain, albedo: 0.6}, b: {grain: plain, albedo: 0.7}}\n");
+  std::vector<SceneValue> values;
+  SceneLoadOptions reading;
+  reading.values = &values;
+  load_scene(file("", "include: more.yaml\n"), reading);
+  std::vector<std::string> changeable, hidden;
+  for (const SceneValue& value : values) {
+    if (value.path.starts_with("materials.") && value.path.ends_with(".albedo") && value.place.starts_with(other))
+      (value.changeable ? changeable : hidden).push_back(value.path);
+  }
+  EXPECT_THAT(changeable, testing::ElementsAre("materials.b.albedo"));
+  EXPECT_THAT(hidden, testing::ElementsAre("materials.a.albedo"));
+}
+
 // Simulated images do not depend on it.
 TEST_F(SceneVariant, ChangesOfTheRigsHardwareAreRefused) {
   for (const std::string path : {"rig.hardware", "rig.hardware.camera.exposure_s"})

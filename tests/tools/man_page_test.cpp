@@ -13,7 +13,7 @@ namespace {
 using test::run_successfully;
 using testing::HasSubstr;
 
-// What --help prints about one command.
+// Output of --help for one command.
 struct CommandHelp {
   std::vector<std::string> words;  // without the program
   std::string text;

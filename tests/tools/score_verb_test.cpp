@@ -197,6 +197,25 @@ TEST_F(Score, ATrajectoryOfAnotherFormatAndWorld) {
   EXPECT_THAT(run_successfully({"score", estimate, "--truth", truth, "--align", "sim3"}).out, HasSubstr("scale 0.8"));
 }
 
+TEST_F(Score, ARunIsScoredWithTheSameOptionsAsItsTrajectory) {
+  make_world();
+  run_successfully({"run", at("scene"), "--out", at("run"), "--set", "render.samples_per_pixel=1", "--quiet"});
+  const std::string trajectory = at("run/trajectory.tum"), truth = at("run/truth/truth.tum");
+  for (const std::vector<std::string>& options : std::vector<std::vector<std::string>>{
+           {}, {"--align", "se3"}, {"--relation", "full", "--delta", "2", "--all-pairs"}}) {
+    std::vector<std::string> of_run = {at("run")}, of_trajectory = {trajectory, "--truth", truth};
+    of_run.insert(of_run.end(), options.begin(), options.end());
+    of_trajectory.insert(of_trajectory.end(), options.begin(), options.end());
+    EXPECT_EQ(score(of_run).at("trajectory"), score(of_trajectory));
+    of_run.insert(of_run.begin(), "score");
+    const std::string table = run_successfully(of_run).out;
+    EXPECT_THAT(table, HasSubstr("trajectory of 4 poses: ATE "));
+    EXPECT_EQ(table.find("APE") != std::string::npos, !options.empty()) << table;
+  }
+  expect_refused({at("run"), "--truth", truth}, "its own ground truth; leave out --truth");
+  expect_refused({at("run"), "--threshold", "1"}, "--threshold has no effect on a trajectory");
+}
+
 TEST_F(Score, WhatCannotBeScored) {
   const std::string tum = file("good.tum", "0 0 0 0 0 0 0 1\n1 1 0 0 0 0 0 1\n");
   const std::string csv = file("bad.csv", "#t\n0,0,0,0,1,0,0,0\n1000000000,0,0,0,1,0,0\n");
@@ -214,6 +233,7 @@ TEST_F(Score, WhatCannotBeScored) {
   expect_refused({good, "--truth", at("empty")}, at("empty") + ": contains neither");
   expect_refused({good, "--truth", at("empty"), "--delta", "2"}, "--delta has no effect on a map");
   expect_refused({good, "--truth", at("empty"), "--align", "se3"}, "add --trajectory");
+  expect_refused({good, "--truth", at("empty"), "--max-gap", "1"}, "--max-gap has no effect on a map without");
   expect_refused({tum, "--truth", tum, "--threshold", "1"}, "--threshold has no effect on a trajectory");
   expect_refused({tum, "--truth", at("empty")}, at("empty") + ": contains neither");
   expect_refused({tum, "--truth", tum, "--align", "sim4"}, "--align");
