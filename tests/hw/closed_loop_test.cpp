@@ -617,7 +617,7 @@ TEST_F(ClosedLoop, FocusGoesOnUntilItIsInterrupted) {
 
 TEST_F(ClosedLoop, AFullDiskIsSaidAndLeavesNoHalf) {
   // Limits file sizes to 4 KiB, which acts like a full disk: the images of a stack are larger.
-  const std::string command = "trap '' XFSZ; ulimit -f 4; exec " + test::quoted(FRINGESLAM_PROGRAM) +
+  const std::string command = "trap '' XFSZ; " + test::limit_file_size(4) + "exec " + test::quoted(FRINGESLAM_PROGRAM) +
                               " capture --rig " + test::quoted(at("rig.yaml")) + " --out " + test::quoted(at("full"));
   Child capture({"bash", "-c", command}, at("program.log"));
   EXPECT_EQ(capture.wait(), 2);

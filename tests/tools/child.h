@@ -39,6 +39,12 @@ inline Finished run_successfully(const std::vector<std::string>& arguments) {
   return finished;
 }
 
+// Returns a shell command that limits the size of files, which acts like a full disk; in bash in KiB, in sh in half KiB.
+// The counters of a coverage build are not written then, because the limit would truncate them.
+inline std::string limit_file_size(int blocks) {
+  return "export GCOV_PREFIX=/dev/null; ulimit -f " + std::to_string(blocks) + "; ";
+}
+
 // A floor and a few textured boxes in front of the thesis rig with a quarter of its pixels; two poses.
 constexpr const char* kSmallScene = R"(name: small
 description: Two views of a few boxes, for the command line tests

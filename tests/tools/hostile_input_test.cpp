@@ -278,9 +278,9 @@ TEST_F(HostileInput, TexturesAreFoundWhereMeshesKeepThem) {
 }
 
 TEST_F(HostileInput, AFileSizeLimitIsAnError) {
-  expect_refused(
-      run_shell("ulimit -f 16; PROGRAM render " + quoted(scene_.string()) + " --quiet --out " + quoted(out())),
-      {out(), "cannot be written: File too large"});
+  expect_refused(run_shell(test::limit_file_size(16) + "PROGRAM render " + quoted(scene_.string()) + " --quiet --out " +
+                           quoted(out())),
+                 {out(), "cannot be written: File too large"});
 }
 
 TEST_F(HostileInput, StandardOutputThatCannotBeWrittenIsAnError) {
