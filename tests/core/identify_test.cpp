@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <Eigen/Geometry>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <opencv2/imgproc.hpp>
@@ -65,22 +66,77 @@ TEST_P(BothOutlines, ABareWallIsBackground) {
   EXPECT_FALSE(landmarks.keypoints.keypoints.empty());
 }
 
-TEST_P(BothOutlines, KeypointsOfALandmarkAreWithinItsOutline) {
-  const RigModel rig = small_rig(false);
-  const Frame frame = view(rig, true);
-  for (const Landmark& landmark : identified(frame, rig, GetParam()).landmarks) {
-    cv::Rect box = cv::boundingRect(landmark.outline);
-    box += cv::Size(12, 12);
-    box -= cv::Point(6, 6);
-    const Landmarks all = identified(frame, rig, GetParam());
-    for (const int k : landmark.keypoints) {
-      const Eigen::Vector2d p = all.keypoints.keypoints[static_cast<size_t>(k)].pixel;
-      EXPECT_TRUE(box.contains(cv::Point2d(p.x(), p.y())));
+INSTANTIATE_TEST_SUITE_P(Identify, BothOutlines, testing::ValuesIn(choice_values<OutlineSource>()));
+
+// Two slabs with bumps, which have depth keypoints.
+const std::array kSlabs = {cv::Rect(14, 20, 46, 56), cv::Rect(74, 24, 46, 60)};
+
+Frame view_of_slabs(const RigModel& rig) {
+  constexpr int kSpacing = 14;
+  constexpr double kBump_m = 0.01, kSigma_px = 4;
+  Frame frame = view(rig, false);
+  Random random(5);
+  const Frame slabs = observe(plane(kWall, kWall.z() + 0.06), rig, {}, 3e-5, &random);
+  for (const cv::Rect& slab : kSlabs) {
+    for (int r = slab.y; r < slab.br().y; ++r) {
+      for (int c = slab.x; c < slab.br().x; ++c) {
+        const double dr = (r - slab.y) % kSpacing - kSpacing / 2, dc = (c - slab.x) % kSpacing - kSpacing / 2;
+        const double bump_m = kBump_m * std::exp(-(dr * dr + dc * dc) / (2 * kSigma_px * kSigma_px));
+        const cv::Vec3f point = slabs.points_m(r, c);
+        frame.points_m(r, c) = point * static_cast<float>(1 - bump_m / point[2]);
+      }
     }
   }
+  return frame;
 }
 
-INSTANTIATE_TEST_SUITE_P(Identify, BothOutlines, testing::ValuesIn(choice_values<OutlineSource>()));
+struct Outliner {
+  OutlineSource source;
+  ClusterMethod method;
+};
+
+cv::Point rounded(const Eigen::Vector2d& p) {
+  return {static_cast<int>(std::lround(p.x())), static_cast<int>(std::lround(p.y()))};
+}
+
+class EveryOutline : public testing::TestWithParam<Outliner> {};
+
+TEST_P(EveryOutline, LandmarksLieOnOneObjectEach) {
+  const RigModel rig = small_rig(false);
+  const Frame frame = view_of_slabs(rig);
+  LandmarkOptions options;
+  options.outlines = GetParam().source;
+  options.min_keypoints = 6;
+  ClusterOptions clusters;
+  clusters.method = GetParam().method;
+  const Landmarks found = extract_landmarks(frame, detect_keypoints(frame, rig, pixel_rays(rig.camera), {}), rig, {},
+                                            {}, clusters, options);
+  ASSERT_EQ(found.landmarks.size(), kSlabs.size());
+  std::array<bool, kSlabs.size()> has_landmark{};
+  for (const Landmark& landmark : found.landmarks) {
+    const cv::Rect box = cv::boundingRect(landmark.outline);
+    const size_t i = (box & kSlabs[0]).area() > 0 ? 0 : 1;
+    has_landmark[i] = true;
+    // An edge may be off by two pixels.
+    const cv::Rect slab = kSlabs[i] + cv::Size(4, 4) - cv::Point(2, 2);
+    EXPECT_EQ(box & slab, box);
+    EXPECT_GT(box.area(), kSlabs[i].area() / 4);
+    for (const int k : landmark.depth_keypoints)
+      EXPECT_TRUE(slab.contains(rounded(found.depth_keypoints[static_cast<size_t>(k)].pixel)));
+    EXPECT_GE(static_cast<int>(landmark.keypoints.size()), options.min_keypoints);
+    for (const int k : landmark.keypoints) {
+      const cv::Point pixel = rounded(found.keypoints.keypoints[static_cast<size_t>(k)].pixel);
+      EXPECT_GE(cv::pointPolygonTest(landmark.outline, pixel, true), -options.margin_px - 1);
+    }
+  }
+  EXPECT_TRUE(has_landmark[0] && has_landmark[1]);
+}
+
+INSTANTIATE_TEST_SUITE_P(Identify, EveryOutline,
+                         testing::Values(Outliner{OutlineSource::regions, ClusterMethod::both},
+                                         Outliner{OutlineSource::clusters, ClusterMethod::depth_sampling},
+                                         Outliner{OutlineSource::clusters, ClusterMethod::convex_hull},
+                                         Outliner{OutlineSource::clusters, ClusterMethod::both}));
 
 TEST(Identify, ASlabBeforeAWall) {
   const RigModel rig = small_rig(false);

@@ -579,6 +579,34 @@ TEST_F(ClosedLoop, ATakenPortIsSaidBeforeAnythingIsCaptured) {
   EXPECT_FALSE(fs::exists(at("nothing")));
 }
 
+TEST_F(ClosedLoop, CameraAndDisplayAreListed) {
+  Child list = program({"rig", "list", "--json"});
+  ASSERT_EQ(list.wait(), 0) << log_of("program");
+  const nlohmann::json found = nlohmann::json::parse(log_of("program"));
+  ASSERT_EQ(found["cameras"].size(), 1u);
+  EXPECT_EQ(found["cameras"][0]["serial"], "T1");
+  ASSERT_EQ(found["displays"].size(), 1u);
+  EXPECT_EQ(found["displays"][0]["width_px"], 1024);
+  EXPECT_EQ(found["displays"][0]["height_px"], 768);
+  EXPECT_TRUE(found["controllers"].empty());
+  Child text = program({"rig", "list"});
+  EXPECT_EQ(text.wait(), 0);
+  EXPECT_THAT(log_of("program"), AllOf(HasSubstr("T1"), HasSubstr("1024x768 px"), HasSubstr("projector controllers:")));
+}
+
+TEST_F(ClosedLoop, LatencyIsThatOfADisplayWithoutDelay) {
+  Child latency = program({"rig", "latency", "--rig", at("rig.yaml"), "--json"});
+  ASSERT_EQ(latency.wait(), 0) << log_of("program");
+  const nlohmann::json measured = nlohmann::json::parse(log_of("program"));
+  // The fake camera reads the display's memory when an exposure begins.
+  const double delay_s = measured["delay_s"], largest_s = measured["largest_delay_s"],
+               refresh_s = measured["refresh_s"];
+  EXPECT_LE(delay_s, largest_s);
+  EXPECT_LT(delay_s, 0.01);
+  EXPECT_GT(measured["image_s"], 0);
+  EXPECT_NEAR(measured["settle_s"], 1.5 * largest_s + 0.5 * refresh_s, 1e-3);
+}
+
 TEST_F(ClosedLoop, FocusIsThatOfTheSimulatorsImages) {
   Child focus = program({"rig", "focus", "--rig", at("rig.yaml"), "--count", "2", "--json"});
   ASSERT_EQ(focus.wait(), 0) << log_of("program");
@@ -617,8 +645,9 @@ TEST_F(ClosedLoop, FocusGoesOnUntilItIsInterrupted) {
 
 TEST_F(ClosedLoop, AFullDiskIsSaidAndLeavesNoHalf) {
   // Limits file sizes to 4 KiB, which acts like a full disk: the images of a stack are larger.
-  const std::string command = "trap '' XFSZ; " + test::limit_file_size(4) + "exec " + test::quoted(FRINGESLAM_PROGRAM) +
-                              " capture --rig " + test::quoted(at("rig.yaml")) + " --out " + test::quoted(at("full"));
+  const std::string command = "trap '' XFSZ; " + test::limit_file_size(4, at("counters")) + "exec " +
+                              test::quoted(FRINGESLAM_PROGRAM) + " capture --rig " + test::quoted(at("rig.yaml")) +
+                              " --out " + test::quoted(at("full"));
   Child capture({"bash", "-c", command}, at("program.log"));
   EXPECT_EQ(capture.wait(), 2);
   EXPECT_THAT(log_of("program"), HasSubstr("cannot be written"));

@@ -290,8 +290,8 @@ TEST_F(Bags, NothingIsLeftOfWhatFails) {
     EXPECT_THAT(finished.err, HasSubstr(says));
   }
   // Limits file sizes to 1 MiB, which acts like a full disk.
-  const std::string full = "trap '' XFSZ; " + test::limit_file_size(1024) + test::quoted(FRINGESLAM_PROGRAM) +
-                           " render " + test::quoted(at("scene")) +
+  const std::string full = "trap '' XFSZ; " + test::limit_file_size(1024, at("counters")) +
+                           test::quoted(FRINGESLAM_PROGRAM) + " render " + test::quoted(at("scene")) +
                            " --quiet --set render.samples_per_pixel=1 --format rosbag --out " +
                            test::quoted(at("results/full.bag")) + " 2> " + test::quoted(at("full.txt"));
   EXPECT_NE(std::system(("bash -c " + test::quoted(full)).c_str()), 0);

@@ -40,9 +40,9 @@ inline Finished run_successfully(const std::vector<std::string>& arguments) {
 }
 
 // Returns a shell command that limits the size of files, which acts like a full disk; in bash in KiB, in sh in half KiB.
-// The counters of a coverage build are not written then, because the limit would truncate them.
-inline std::string limit_file_size(int blocks) {
-  return "export GCOV_PREFIX=/dev/null; ulimit -f " + std::to_string(blocks) + "; ";
+// The counters of a coverage build, which the limit would truncate, are written to the folder `counters` instead of their own.
+inline std::string limit_file_size(int blocks, const std::string& counters) {
+  return "export GCOV_PREFIX=" + quoted(counters) + "; ulimit -f " + std::to_string(blocks) + "; ";
 }
 
 // A floor and a few textured boxes in front of the thesis rig with a quarter of its pixels; two poses.

@@ -278,8 +278,8 @@ TEST_F(HostileInput, TexturesAreFoundWhereMeshesKeepThem) {
 }
 
 TEST_F(HostileInput, AFileSizeLimitIsAnError) {
-  expect_refused(run_shell(test::limit_file_size(16) + "PROGRAM render " + quoted(scene_.string()) + " --quiet --out " +
-                           quoted(out())),
+  expect_refused(run_shell(test::limit_file_size(16, (temp_ / "counters").string()) + "PROGRAM render " +
+                           quoted(scene_.string()) + " --quiet --out " + quoted(out())),
                  {out(), "cannot be written: File too large"});
 }
 

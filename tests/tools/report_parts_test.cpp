@@ -9,9 +9,11 @@
 
 #include "core/io/ply_writer.h"
 #include "core/types/error.h"
+#include "sim/scene/scene.h"
 #include "tests/support/matchers.h"
 #include "tests/support/temp_folder.h"
-#include "tests/tools/fake_rig.h"
+#include "tests/tools/child.h"
+#include "tools/report/effects.h"
 #include "tools/report/map_error.h"
 #include "tools/report/packing.h"
 #include "tools/report/simplify_mesh.h"
@@ -206,6 +208,39 @@ TEST(Pictures, StayWithinTheirBytes) {
   const size_t whole = size(100'000'000);
   EXPECT_GT(whole, 1'000'000u);
   EXPECT_LT(size(whole / 4), 0.3 * static_cast<double>(whole));
+}
+
+// Collects the names of the effects in their order.
+struct EffectNames {
+  std::vector<std::string> names;
+  void field(const char* name, bool&, const char*) { names.emplace_back(name); }
+  void field(const char*, int&, Range, const char*) {}
+};
+
+TEST(EffectsPicture, ShowsEachEffectAlone) {
+  const test::TempFolder temp;
+  test::write_small_scene(temp.path());
+  sim::RenderOptions options;
+  options.samples_per_pixel = 1;
+  options.noise = false;
+  const cv::Mat3b picture = effects_picture(sim::load_scene(temp / "scene.yaml"), options);
+  EffectNames effects;
+  options.effects.describe(effects);
+  constexpr int kColumns = 5, kGap = 8, kTitle = 26;
+  const cv::Size cell(384, 360);
+  const auto panel = [&](size_t i) {
+    const int row = static_cast<int>(i) / kColumns, column = static_cast<int>(i) % kColumns;
+    return picture(
+        cv::Rect({kGap + column * (cell.width + kGap), kGap + kTitle + row * (cell.height + kTitle + kGap)}, cell));
+  };
+  const cv::Mat3b none = panel(0);
+  std::vector<std::string> visible;
+  for (size_t i = 0; i < effects.names.size(); ++i) {
+    if (cv::norm(panel(i + 1), none, cv::NORM_L1) > 0) visible.push_back(effects.names[i]);
+  }
+  // The scene has opaque and matte surfaces in clear air, a pinhole camera and no bounces of light.
+  EXPECT_THAT(visible, ElementsAre("vignetting", "defocus", "pixel_gap", "lens_blur", "fixed_pattern"));
+  EXPECT_GT(cv::norm(panel(effects.names.size() + 1), none, cv::NORM_L1), 0);
 }
 
 }  // namespace

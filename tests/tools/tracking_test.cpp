@@ -2,6 +2,7 @@
 // Runs with many views: tracking, loss, relocalization, dropped views, and saved maps.
 #include <gmock/gmock.h>
 
+#include <cmath>
 #include <nlohmann/json.hpp>
 #include <regex>
 
@@ -63,6 +64,33 @@ TEST_F(ManyViews, AreFollowedWithoutLandmarks) {
     }
   }
   EXPECT_LT(read("run/score.json")["trajectory"]["ate_rmse_mm"], 0.05);
+}
+
+TEST_F(ManyViews, HavePosesAtEverySingleImageIfWanted) {
+  const json frames =
+      run(scene("straight", repeated(kStep, 3)), "run",
+          {"--with", "trajectory.continuous.speed_m_s=0.03", "--image-poses", "--animation", "--no-report"});
+  const json images = read("run/images.json"), score = read("run/score.json");
+  size_t tracked = 0;
+  double variance_m2 = 0;
+  std::vector<int> of_stack(frames.size());
+  for (const json& image : images) {
+    ++of_stack.at(image.at("stack").get<size_t>());
+    EXPECT_FALSE(image.contains("unexpected")) << image;
+    if (!image.at("tracked")) continue;
+    ++tracked;
+    const double sigma_m = image.at("sigma_m");
+    EXPECT_GT(sigma_m, 0);
+    variance_m2 += 3 * sigma_m * sigma_m;
+  }
+  for (size_t i = 0; i < frames.size(); ++i) EXPECT_EQ(of_stack[i], frames[i].at("images")) << i;
+  EXPECT_GT(tracked, images.size() / 2);
+  EXPECT_EQ(read_tum(temp_ / "run/images.tum").size(), tracked);
+  EXPECT_EQ(score.at("images").at("poses"), tracked);
+  // The sigmas are those of the worst direction.
+  EXPECT_LT(score.at("images").at("ate_rmse_mm"), 1.5e3 * std::sqrt(variance_m2 / static_cast<double>(tracked)));
+  EXPECT_LT(score.at("images").at("ate_rmse_mm"), 1);
+  EXPECT_TRUE(test::read_bytes(temp_ / "run/animation.gif").starts_with("GIF89a"));
 }
 
 // The number of stacks along a path depends on the patterns that the pipeline requests.
