@@ -927,6 +927,10 @@ TEST(SpatialDecoding, ComponentsTakeTheirOrderFromTheReference) {
     for (int row = 0; row < 60; ++row) {
       for (int col = 0; col < 80; ++col) EXPECT_NEAR(decoded.coordinate_px(row, col), truth(row, col), 0.5);
     }
+    options.spatial_reference = SpatialReference::multifrequency;
+    EXPECT_EQ(cv::norm(decode(stack, rig, options).coordinate_px, decoded.coordinate_px, cv::NORM_INF), 0);
+    options.spatial_reference = SpatialReference::gray;
+    EXPECT_THAT(error_of([&] { decode(stack, rig, options); }), HasSubstr("decode.spatial_reference=gray: "));
     options.spatial_reference = SpatialReference::none;
     const DecodedStack relative = decode(stack, rig, options);
     EXPECT_FALSE(relative.components[0].absolute);

@@ -87,6 +87,13 @@ TEST_F(Calibrate, RigFromBothKindsOfBoards) {
     EXPECT_TRUE(test::fs::exists(temp_ / (kind.name + "_rig/views/000000.png")));
     EXPECT_EQ(json::parse(test::read_bytes(temp_ / (kind.name + "_rig/calibration.json"))), printed);
   }
+  // The same as text, without a view that does not show the board.
+  const std::string nothing = rendered("nothing", both_, "{grain: plain, albedo: 0.5}", "{}");
+  test::fs::copy(temp_ / "nothing/stacks/000000", temp_ / "circles/stacks/000000",
+                 test::fs::copy_options::recursive | test::fs::copy_options::overwrite_existing);
+  const std::string table = run_successfully({"calibrate", "rig", at("circles"), "--out", at("table")}).out;
+  EXPECT_THAT(table,
+              testing::AllOf(HasSubstr("not used: "), HasSubstr("(RMS reprojection)"), HasSubstr("projector  fx ")));
 }
 
 TEST_F(Calibrate, RigSaysWhatIsMissing) {
@@ -173,6 +180,9 @@ TEST_F(Calibrate, NoiseOfTheCamera) {
     EXPECT_NEAR(rig.sensor.variance_dn2(grey) / truth, 1, 0.05) << grey;
   }
   EXPECT_TRUE(test::fs::exists(temp_ / "measured/noise.png"));
+  const std::string table = run_successfully({"calibrate", "noise", dataset, "--out", at("table")}).out;
+  EXPECT_THAT(table,
+              AllOf(HasSubstr("gain, DN/electron"), HasSubstr("dark noise, electrons"), HasSubstr("saturation, DN")));
   const std::string plain = rendered("plain", "{steps: 3, periods_px: [1040]}", material, "{}");
   const auto refused = run_program({"calibrate", "noise", plain, "--out", at("none")});
   EXPECT_EQ(refused.exit_code, 2);
