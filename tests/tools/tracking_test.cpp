@@ -95,7 +95,7 @@ TEST_F(ManyViews, HavePosesAtEverySingleImageIfWanted) {
 
 // The number of stacks along a path depends on the patterns that the pipeline requests.
 TEST_F(ManyViews, AreCountedInContinuousMotion) {
-  const json frames = run(scene("straight", repeated(kStep, 8)), "run",
+  const json frames = run(scene("straight", repeated(kStep, 4)), "run",
                           {"--with", "trajectory.continuous.speed_m_s=0.03", "--no-report"});
   ASSERT_GT(frames.size(), 1u);
   EXPECT_EQ(read("run/score.json")["stacks"], frames.size());
