@@ -37,13 +37,13 @@ Frame view(const RigModel& rig, bool with_slab, double noise_m = 3e-5) {
   return frame;
 }
 
-Landmarks identified(const Frame& frame, const RigModel& rig, OutlineSource outlines,
-                     LandmarkStages* stages = nullptr) {
+Landmarks identified(const Frame& frame, const RigModel& rig, OutlineSource outlines, LandmarkStages* stages = nullptr,
+                     const ClusterOptions& clusters = {}) {
   LandmarkOptions options;
   options.outlines = outlines;
   options.min_keypoints = 3;
-  return extract_landmarks(frame, detect_keypoints(frame, rig, pixel_rays(rig.camera), {}), rig, {}, {}, {}, options,
-                           stages);
+  return extract_landmarks(frame, detect_keypoints(frame, rig, pixel_rays(rig.camera), {}), rig, {}, {}, clusters,
+                           options, stages);
 }
 
 class BothOutlines : public testing::TestWithParam<OutlineSource> {};
@@ -104,13 +104,9 @@ class EveryOutline : public testing::TestWithParam<Outliner> {};
 TEST_P(EveryOutline, LandmarksLieOnOneObjectEach) {
   const RigModel rig = small_rig(false);
   const Frame frame = view_of_slabs(rig);
-  LandmarkOptions options;
-  options.outlines = GetParam().source;
-  options.min_keypoints = 6;
   ClusterOptions clusters;
   clusters.method = GetParam().method;
-  const Landmarks found = extract_landmarks(frame, detect_keypoints(frame, rig, pixel_rays(rig.camera), {}), rig, {},
-                                            {}, clusters, options);
+  const Landmarks found = identified(frame, rig, GetParam().source, nullptr, clusters);
   ASSERT_EQ(found.landmarks.size(), kSlabs.size());
   std::array<bool, kSlabs.size()> has_landmark{};
   for (const Landmark& landmark : found.landmarks) {
@@ -123,10 +119,10 @@ TEST_P(EveryOutline, LandmarksLieOnOneObjectEach) {
     EXPECT_GT(box.area(), kSlabs[i].area() / 4);
     for (const int k : landmark.depth_keypoints)
       EXPECT_TRUE(slab.contains(rounded(found.depth_keypoints[static_cast<size_t>(k)].pixel)));
-    EXPECT_GE(static_cast<int>(landmark.keypoints.size()), options.min_keypoints);
+    EXPECT_GE(landmark.keypoints.size(), 6U);
     for (const int k : landmark.keypoints) {
       const cv::Point pixel = rounded(found.keypoints.keypoints[static_cast<size_t>(k)].pixel);
-      EXPECT_GE(cv::pointPolygonTest(landmark.outline, pixel, true), -options.margin_px - 1);
+      EXPECT_GE(cv::pointPolygonTest(landmark.outline, pixel, true), -LandmarkOptions{}.margin_px - 1);
     }
   }
   EXPECT_TRUE(has_landmark[0] && has_landmark[1]);

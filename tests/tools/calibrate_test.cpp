@@ -89,7 +89,7 @@ TEST_F(Calibrate, RigFromBothKindsOfBoards) {
   }
   // The same as text, without a view that does not show the board.
   const std::string nothing = rendered("nothing", both_, "{grain: plain, albedo: 0.5}", "{}");
-  test::fs::copy(temp_ / "nothing/stacks/000000", temp_ / "circles/stacks/000000",
+  test::fs::copy(test::fs::path(nothing) / "stacks/000000", temp_ / "circles/stacks/000000",
                  test::fs::copy_options::recursive | test::fs::copy_options::overwrite_existing);
   const std::string table = run_successfully({"calibrate", "rig", at("circles"), "--out", at("table")}).out;
   EXPECT_THAT(table,
