@@ -7,6 +7,8 @@
 #include <linux/landlock.h>
 #include <linux/seccomp.h>
 #include <poll.h>
+#include <sched.h>
+#include <sys/ioctl.h>
 #include <sys/prctl.h>
 #include <sys/resource.h>
 #include <sys/syscall.h>
@@ -20,12 +22,15 @@
 #include <csignal>
 #include <cstddef>
 #include <cstdio>
+#include <filesystem>
+#include <system_error>
 #include <thread>
 #include <vector>
 
 namespace fringeslam {
 
 void detach_child() {
+  setsid();  // without a terminal, whose signals are meant for the program
   for (const int signal : {SIGSEGV, SIGABRT, SIGBUS, SIGFPE, SIGILL, SIGINT, SIGTERM}) std::signal(signal, SIG_DFL);
   const int nowhere = open("/dev/null", O_RDWR);
   for (const int standard : {0, 1, 2}) dup2(nowhere, standard);
@@ -73,23 +78,57 @@ void enter_limited_child(double time_limit_s, double memory_limit_gib) {
 
 namespace {
 
+#ifdef SYS_landlock_create_ruleset
+// Rights that the headers may not know yet, and the first version of the kernel's interface that does.
+struct LaterRight {
+  int version;
+  uint64_t right;
+};
+constexpr LaterRight kLaterRights[] = {{2, 1 << 13},   // LANDLOCK_ACCESS_FS_REFER
+                                       {3, 1 << 14},   // LANDLOCK_ACCESS_FS_TRUNCATE: opening to read can empty a file
+                                       {5, 1 << 15}};  // LANDLOCK_ACCESS_FS_IOCTL_DEV
+
+// Permits reading below a folder.
+void permit_reading(int ruleset, const std::string& folder) {
+  landlock_path_beneath_attr rule{};
+  rule.allowed_access = LANDLOCK_ACCESS_FS_READ_FILE | LANDLOCK_ACCESS_FS_READ_DIR;
+  rule.parent_fd = open(folder.c_str(), O_PATH | O_CLOEXEC | O_DIRECTORY);
+  if (rule.parent_fd < 0) return;
+  (void)syscall(SYS_landlock_add_rule, ruleset, LANDLOCK_RULE_PATH_BENEATH, &rule, 0);
+  close(rule.parent_fd);
+}
+#endif
+
+// Below /dev, /proc and /sys are terminals, the memory of other processes, and their environment.
 void restrict_files([[maybe_unused]] ChildReads reads) {
 #ifdef SYS_landlock_create_ruleset
+  constexpr unsigned kAskForVersion = 1;
+  const auto version = static_cast<int>(syscall(SYS_landlock_create_ruleset, nullptr, size_t{0}, kAskForVersion));
   landlock_ruleset_attr rules{};
   rules.handled_access_fs = LANDLOCK_ACCESS_FS_EXECUTE | LANDLOCK_ACCESS_FS_WRITE_FILE | LANDLOCK_ACCESS_FS_REMOVE_DIR |
                             LANDLOCK_ACCESS_FS_REMOVE_FILE | LANDLOCK_ACCESS_FS_MAKE_CHAR |
                             LANDLOCK_ACCESS_FS_MAKE_DIR | LANDLOCK_ACCESS_FS_MAKE_REG | LANDLOCK_ACCESS_FS_MAKE_SOCK |
-                            LANDLOCK_ACCESS_FS_MAKE_FIFO | LANDLOCK_ACCESS_FS_MAKE_BLOCK | LANDLOCK_ACCESS_FS_MAKE_SYM;
-  if (reads == ChildReads::nothing)
-    rules.handled_access_fs |= LANDLOCK_ACCESS_FS_READ_FILE | LANDLOCK_ACCESS_FS_READ_DIR;
+                            LANDLOCK_ACCESS_FS_MAKE_FIFO | LANDLOCK_ACCESS_FS_MAKE_BLOCK | LANDLOCK_ACCESS_FS_MAKE_SYM |
+                            LANDLOCK_ACCESS_FS_READ_FILE | LANDLOCK_ACCESS_FS_READ_DIR;
+  for (const LaterRight& later : kLaterRights) {
+    if (version >= later.version) rules.handled_access_fs |= later.right;
+  }
   const auto ruleset = static_cast<int>(syscall(SYS_landlock_create_ruleset, &rules, sizeof rules, 0));
   if (ruleset < 0) return;
+  if (reads == ChildReads::files) {
+    std::error_code failed;
+    for (const auto& entry : std::filesystem::directory_iterator("/", failed)) {
+      const std::string name = entry.path().string();
+      if (name != "/dev" && name != "/proc" && name != "/sys") permit_reading(ruleset, name);
+    }
+    permit_reading(ruleset, "/dev/shm");
+  }
   (void)syscall(SYS_landlock_restrict_self, ruleset, 0);
   close(ruleset);
 #endif
 }
 
-// System calls are refused by number, which is meaningful for these two architectures alone.
+// System calls are permitted by number, which is meaningful for these two architectures alone.
 #if defined(__x86_64__) || defined(__aarch64__)
 #if defined(__x86_64__)
 constexpr unsigned kArchitecture = AUDIT_ARCH_X86_64;
@@ -97,124 +136,207 @@ constexpr unsigned kArchitecture = AUDIT_ARCH_X86_64;
 constexpr unsigned kArchitecture = AUDIT_ARCH_AARCH64;
 #endif
 
-constexpr long kRefused[] = {
-    SYS_socket,
-    SYS_socketpair,
-    SYS_connect,
-    SYS_bind,
-    SYS_listen,
-    SYS_sendto,
-    SYS_sendmsg,
-    SYS_sendmmsg,
-    SYS_execve,
-    SYS_execveat,
-    SYS_ptrace,
-    SYS_mount,
-    SYS_umount2,
-    SYS_unshare,
-    SYS_setns,
-    SYS_bpf,
-    SYS_perf_event_open,
-    SYS_process_vm_readv,
-    SYS_process_vm_writev,
-    SYS_init_module,
-    SYS_finit_module,
-    SYS_keyctl,
-    SYS_add_key,
-    SYS_request_key,
-    SYS_kill,
-    SYS_tkill,
-    SYS_rt_sigqueueinfo,
-    SYS_rt_tgsigqueueinfo,
-    SYS_truncate,
-    SYS_linkat,
-    SYS_symlinkat,
-    SYS_unlinkat,
-    SYS_renameat2,
-    SYS_mkdirat,
-    SYS_mknodat,
-    SYS_fchmodat,
-    SYS_fchownat,
-    SYS_fchmod,
-    SYS_fchown,
-    SYS_utimensat,
-    SYS_setxattr,
-    SYS_lsetxattr,
-    SYS_fsetxattr,
+// Calls that reach nothing but this process and its open descriptors.
+constexpr long kPermitted[] = {
+    // descriptors
+    SYS_read,
+    SYS_readv,
+    SYS_pread64,
+    SYS_preadv,
+    SYS_write,
+    SYS_writev,
+    SYS_close,
+    SYS_lseek,
+    SYS_fstat,
+    SYS_newfstatat,
+    SYS_dup,
+    SYS_dup3,
+    SYS_pipe2,
+    SYS_ppoll,
+    SYS_pselect6,
+    SYS_recvmsg,
+    SYS_recvfrom,
+    SYS_fadvise64,
+    // memory
+    SYS_mmap,
+    SYS_munmap,
+    SYS_mprotect,
+    SYS_mremap,
+    SYS_madvise,
+    SYS_mincore,
+    SYS_brk,
+    SYS_membarrier,
+    SYS_get_mempolicy,
+    // threads and time
+    SYS_futex,
+    SYS_set_robust_list,
+    SYS_get_robust_list,
+    SYS_set_tid_address,
+    SYS_sched_yield,
+    SYS_sched_getaffinity,
+    SYS_sched_getparam,
+    SYS_sched_getscheduler,
+    SYS_sched_get_priority_max,
+    SYS_sched_get_priority_min,
+    SYS_getcpu,
+    SYS_nanosleep,
+    SYS_clock_nanosleep,
+    SYS_clock_gettime,
+    SYS_clock_getres,
+    SYS_gettimeofday,
+    SYS_setitimer,
+    SYS_getitimer,
+    SYS_exit,
+    SYS_exit_group,
+    SYS_restart_syscall,
+    // signals to itself
+    SYS_rt_sigaction,
+    SYS_rt_sigprocmask,
+    SYS_rt_sigreturn,
+    SYS_rt_sigpending,
+    SYS_rt_sigtimedwait,
+    SYS_sigaltstack,
+    // questions
+    SYS_getpid,
+    SYS_getppid,
+    SYS_gettid,
+    SYS_getuid,
+    SYS_geteuid,
+    SYS_getgid,
+    SYS_getegid,
+    SYS_getrusage,
+    SYS_times,
+    SYS_sysinfo,
+    SYS_uname,
+    SYS_getrandom,
 #if defined(__x86_64__)
-    SYS_link,
-    SYS_symlink,
-    SYS_unlink,
-    SYS_rmdir,
-    SYS_rename,
-    SYS_renameat,
-    SYS_mkdir,
-    SYS_mknod,
-    SYS_chmod,
-    SYS_chown,
-    SYS_lchown,
-    SYS_utime,
-    SYS_utimes,
-    SYS_futimesat,
+    SYS_stat,
+    SYS_lstat,
+    SYS_dup2,
+    SYS_pipe,
+    SYS_poll,
+    SYS_select,
+    SYS_alarm,
+    SYS_time,
+    SYS_arch_prctl,
+    SYS_getrlimit,
+    SYS_setrlimit,
 #endif
-#ifdef SYS_io_uring_setup  // whose operations are not system calls
-    SYS_io_uring_setup,
+#ifdef SYS_statx
+    SYS_statx,
 #endif
-#ifdef SYS_pidfd_send_signal
-    SYS_pidfd_send_signal,
+#ifdef SYS_rseq
+    SYS_rseq,
 #endif
-#ifdef SYS_pidfd_open
-    SYS_pidfd_open,
-#endif
-#ifdef SYS_pidfd_getfd
-    SYS_pidfd_getfd,
+#ifdef SYS_close_range
+    SYS_close_range,
 #endif
 };
 
-constexpr long kOpening[] = {SYS_openat,
+// Calls that find files and folders by name.
+constexpr long kSearching[] = {
+    SYS_getdents64, SYS_getcwd,   SYS_readlinkat, SYS_faccessat, SYS_statfs, SYS_fstatfs,
 #if defined(__x86_64__)
-                             SYS_open, SYS_creat,
+    SYS_access,     SYS_readlink, SYS_getdents,
+#endif
+#ifdef SYS_faccessat2
+    SYS_faccessat2,
+#endif
+};
+
+// Calls whose arguments a filter cannot see; without them, the C library makes older ones instead.
+constexpr long kUnknown[] = {
+#ifdef SYS_clone3
+    SYS_clone3,
 #endif
 #ifdef SYS_openat2
-                             SYS_openat2,
+    SYS_openat2,
 #endif
-                             SYS_open_by_handle_at};
+};
+
+class CallFilter {
+ public:
+  CallFilter() {
+    load(offsetof(seccomp_data, arch));
+    // Calls by another ABI have other numbers.
+    jump_if(BPF_JEQ, kArchitecture, 1, 0);
+    answer(SECCOMP_RET_KILL_PROCESS);
+    load(offsetof(seccomp_data, nr));
+#if defined(__x86_64__)
+    constexpr unsigned kX32 = 0x40000000;
+    jump_if(BPF_JGE, kX32, 0, 1);
+    answer(kRefused);
+#endif
+  }
+  void add(long number, unsigned result) {
+    jump_if(BPF_JEQ, static_cast<unsigned>(number), 0, 1);
+    answer(result);
+  }
+  void permit(long number) { add(number, SECCOMP_RET_ALLOW); }
+  // Permits a call if an argument has one of these values.
+  void permit_if(long number, int argument, const std::vector<unsigned>& values) {
+    const auto count = static_cast<unsigned>(values.size());
+    jump_if(BPF_JEQ, static_cast<unsigned>(number), 0, count + 3);
+    load(place_of(argument));
+    for (unsigned i = 0; i < count; ++i) jump_if(BPF_JEQ, values[i], count - i, 0);
+    answer(kRefused);
+    answer(SECCOMP_RET_ALLOW);
+  }
+  // Permits a call if an argument, masked, has this value.
+  void permit_if_masked(long number, int argument, unsigned mask, unsigned value) {
+    jump_if(BPF_JEQ, static_cast<unsigned>(number), 0, 5);
+    load(place_of(argument));
+    program_.push_back(BPF_STMT(BPF_ALU | BPF_AND | BPF_K, mask));
+    jump_if(BPF_JEQ, value, 1, 0);
+    answer(kRefused);
+    answer(SECCOMP_RET_ALLOW);
+  }
+  // Refuses all other calls from now on.
+  void install() {
+    answer(kRefused);
+    const sock_fprog filter{static_cast<unsigned short>(program_.size()), program_.data()};
+    (void)prctl(PR_SET_SECCOMP, SECCOMP_MODE_FILTER, &filter);
+  }
+
+ private:
+  static constexpr unsigned kRefused = SECCOMP_RET_ERRNO | EPERM;
+
+  // The lower half of an argument: flags, commands and process numbers have 32 bits.
+  static unsigned place_of(int argument) {
+    static_assert(std::endian::native == std::endian::little);
+    return static_cast<unsigned>(offsetof(seccomp_data, args) + sizeof(uint64_t) * static_cast<size_t>(argument));
+  }
+  void load(size_t place) { program_.push_back(BPF_STMT(BPF_LD | BPF_W | BPF_ABS, static_cast<unsigned>(place))); }
+  void jump_if(unsigned comparison, unsigned value, unsigned if_true, unsigned if_false) {
+    program_.push_back(
+        BPF_JUMP(BPF_JMP | comparison | BPF_K, value, static_cast<uint8_t>(if_true), static_cast<uint8_t>(if_false)));
+  }
+  void answer(unsigned result) { program_.push_back(BPF_STMT(BPF_RET | BPF_K, result)); }
+
+  std::vector<sock_filter> program_;
+};
 
 void restrict_calls(ChildReads reads) {
-  std::vector<sock_filter> program = {
-      BPF_STMT(BPF_LD | BPF_W | BPF_ABS, offsetof(seccomp_data, arch)),
-      // Calls by another ABI have other numbers.
-      BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, kArchitecture, 1, 0),
-      BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_KILL_PROCESS),
-      BPF_STMT(BPF_LD | BPF_W | BPF_ABS, offsetof(seccomp_data, nr)),
-  };
+  CallFilter filter;
+  for (const long number : kPermitted) filter.permit(number);
+  for (const long number : kUnknown) filter.add(number, SECCOMP_RET_ERRNO | ENOSYS);
+  filter.permit_if(SYS_tgkill, 0, {static_cast<unsigned>(getpid())});  // abort() signals itself
+  filter.permit_if(SYS_prlimit64, 0, {0});
+  // A process has its own limits of time, so that only threads may be started.
+  filter.permit_if_masked(SYS_clone, 0, CLONE_THREAD, CLONE_THREAD);
+  // F_SETOWN and F_SETSIG would make the kernel send signals to other processes.
+  filter.permit_if(SYS_fcntl, 1, {F_GETFD, F_SETFD, F_GETFL, F_DUPFD, F_DUPFD_CLOEXEC, F_GET_SEALS});
+  filter.permit_if(SYS_ioctl, 1, {TCGETS, FIONREAD});  // TIOCSTI would type into a terminal
+  filter.permit_if(SYS_prctl, 0, {PR_SET_NAME, PR_GET_NAME});
+  if (reads == ChildReads::files) {
+    for (const long number : kSearching) filter.permit(number);
+    constexpr unsigned kWriting = O_ACCMODE | O_CREAT | O_TRUNC | (O_TMPFILE & ~O_DIRECTORY);
+    filter.permit_if_masked(SYS_openat, 2, kWriting, O_RDONLY);
 #if defined(__x86_64__)
-  constexpr unsigned kX32 = 0x40000000;
-  program.push_back(BPF_JUMP(BPF_JMP | BPF_JGE | BPF_K, kX32, 0, 1));
-  program.push_back(BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ERRNO | EPERM));
+    filter.permit_if_masked(SYS_open, 1, kWriting, O_RDONLY);
 #endif
-  const auto refuse = [&](long number) {
-    program.push_back(BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, static_cast<unsigned>(number), 0, 1));
-    program.push_back(BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ERRNO | EPERM));
-  };
-  // Calls whose first argument is a process may only name this one.
-  const auto refuse_unless = [&](long number, unsigned process) {
-    static_assert(std::endian::native == std::endian::little);
-    program.push_back(BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, static_cast<unsigned>(number), 0, 4));
-    program.push_back(BPF_STMT(BPF_LD | BPF_W | BPF_ABS, offsetof(seccomp_data, args)));
-    program.push_back(BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, process, 0, 1));
-    program.push_back(BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ALLOW));
-    program.push_back(BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ERRNO | EPERM));
-  };
-  for (const long number : kRefused) refuse(number);
-  refuse_unless(SYS_tgkill, static_cast<unsigned>(getpid()));  // abort() signals itself
-  refuse_unless(SYS_prlimit64, 0);
-  if (reads == ChildReads::nothing) {
-    for (const long number : kOpening) refuse(number);
   }
-  program.push_back(BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ALLOW));
-  const sock_fprog filter{static_cast<unsigned short>(program.size()), program.data()};
-  (void)prctl(PR_SET_SECCOMP, SECCOMP_MODE_FILTER, &filter);
+  filter.install();
 }
 #else
 void restrict_calls(ChildReads) {}
@@ -282,6 +404,7 @@ ChildAnswer answer_of_child(const ChildLimits& limits, const std::function<std::
   if (pipe2(ends, O_CLOEXEC) != 0) return {};
   const pid_t child = fork();
   if (child == 0) {
+    prctl(PR_SET_PDEATHSIG, SIGKILL);  // the thread that forked it waits for it
     enter_limited_child(limits.time_s, limits.memory_gib);
     const int pipe = keep_only_descriptor(ends[1]);
     restrict_child(limits.reads);

@@ -26,8 +26,9 @@ void limit_address_space(uint64_t bytes, uint64_t most_bytes);
 
 enum class ChildReads { files, nothing };
 
-// Takes away, as far as the kernel can, what decoding does not need: writing and removing files, starting programs, the
-// network, other processes; with ChildReads::nothing also opening files, so that only open descriptors remain.
+// Takes away, as far as the kernel can, everything but reading, computing and writing to open descriptors: no file is
+// written, emptied or removed, no process started or reached, no network. With ChildReads::files, files outside /dev, /proc
+// and /sys can be opened for reading; with ChildReads::nothing, none.
 void restrict_child(ChildReads reads);
 
 struct ChildLimits {

@@ -341,7 +341,6 @@ std::string load_library() {
 constexpr char kWorker = 'w', kWorkerWithLibrary = 'l';
 
 [[noreturn]] void fork_workers(int requests) {
-  setsid();  // signals of the terminal are meant for the program
   detach_child();
   (void)!chdir("/");
   requests = keep_only_descriptor(requests);

@@ -7,6 +7,7 @@
 #include <signal.h>
 #include <sys/prctl.h>
 #include <sys/socket.h>
+#include <sys/syscall.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -211,6 +212,8 @@ TEST(RestrictedChild, CanDoNothingButRead) {
       [&] { return mkdir(other.c_str(), 0700) == 0; },
       [&] { return chmod(file.c_str(), 0777) == 0; },
       [&] { return truncate(file.c_str(), 0) == 0; },
+      [&] { return open(file.c_str(), O_RDONLY | O_TRUNC) >= 0; },
+      [&] { return syscall(SYS_fork) >= 0; },
       [&] { return socket(AF_INET, SOCK_STREAM, 0) >= 0; },
       [&] { return kill(getppid(), 0) == 0; },
       [&] { return execl("/bin/true", "true", nullptr) == 0; }};

@@ -3,8 +3,11 @@
 
 #include <fcntl.h>
 #include <gtest/gtest.h>
+#include <sys/ioctl.h>
 #include <sys/resource.h>
+#include <sys/shm.h>
 #include <sys/syscall.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #include <atomic>
@@ -52,6 +55,51 @@ TEST(LimitedChild, OthersAreOutOfReach) {
     return refused + ".";
   });
   EXPECT_EQ(answer.bytes, "kill tkill tgkill sigqueue prlimit socket .");
+}
+
+// The kernel sends signals on behalf of a process, and types into its terminal.
+TEST(LimitedChild, TheKernelDoesNotActOnOthersForIt) {
+  const ChildAnswer answer = answer_of_child(kLimits, [] {
+    std::string done;
+    const auto note = [&](const char* name, long result) {
+      if (result != -1) done += std::string(name) + " ";
+    };
+    note("owner", fcntl(kPipe, F_SETOWN, getppid()));
+    note("signal", fcntl(kPipe, F_SETSIG, SIGKILL));
+    const char letter = 'x';
+    note("type", ioctl(0, TIOCSTI, &letter) == -1 && errno == EPERM ? -1 : 0);
+    note("fork", syscall(SYS_fork));
+    note("shared memory", shmget(IPC_PRIVATE, 1, IPC_CREAT | 0600));
+    return done + ".";
+  });
+  EXPECT_EQ(answer.bytes, ".");
+}
+
+TEST(LimitedChild, HasNoTerminal) {
+  const pid_t child = fork();
+  if (child == 0) {
+    enter_limited_child(1, 1);
+    _exit(getsid(0) == getpid() && open("/dev/tty", O_RDONLY) < 0 ? 0 : 1);
+  }
+  int status = 0;
+  ASSERT_EQ(waitpid(child, &status, 0), child);
+  EXPECT_EQ(status, 0);
+}
+
+// Terminals, and the memory and environment of other processes, are files too.
+TEST(LimitedChild, FilesOfTheSystemAreOutOfReach) {
+  constexpr unsigned kAskForVersion = 1;
+  if (syscall(SYS_landlock_create_ruleset, nullptr, 0, kAskForVersion) < 1) GTEST_SKIP() << "no Landlock";
+  const std::string environment = "/proc/" + std::to_string(getpid()) + "/environ";
+  const ChildAnswer answer = answer_of_child({1, 0.01, ChildReads::files}, [&] {
+    std::string opened;
+    for (const std::string& file : {std::string("/dev/zero"), environment, std::string("/sys/kernel/mm/ksm/run"),
+                                    std::string(FRINGESLAM_SOURCE_DIR "/CMakeLists.txt")}) {
+      if (open(file.c_str(), O_RDONLY) >= 0) opened += file + " ";
+    }
+    return opened + ".";
+  });
+  EXPECT_EQ(answer.bytes, FRINGESLAM_SOURCE_DIR "/CMakeLists.txt .");
 }
 
 // The child must not reach results and connections of its parent.
