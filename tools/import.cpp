@@ -7,7 +7,6 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
-#include <set>
 
 #include "core/calibrate/camera_noise.h"
 #include "core/calibrate/response.h"
@@ -203,16 +202,6 @@ void print_imported(const std::string& out, int stacks, size_t images, const Rig
                 model.camera.height, model.calibrated ? "" : "; not calibrated: run fringeslam calibrate rig");
     std::printf("camera noise: %s\n", noise_summary.c_str());
   }
-}
-
-// The description, the files that it names, and the folders of the images.
-std::vector<fs::path> inputs_of(const ImportPlan& plan) {
-  std::set<fs::path> inputs(plan.named_files.begin(), plan.named_files.end());
-  inputs.insert(plan.config);
-  for (const std::vector<fs::path>& stack : plan.stacks) {
-    for (const fs::path& image : stack) inputs.insert(image.parent_path());
-  }
-  return {inputs.begin(), inputs.end()};
 }
 
 int import_images(ImportPlan plan, const std::string& out, const std::optional<RigModel>& calibration, bool check,

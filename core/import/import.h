@@ -21,6 +21,7 @@ class ImportedRig : public Rig {
   // has grey values above its bit depth.
   std::optional<FringeStack> capture(const PatternSequence& sequence) override;
   bool can_change_patterns() const override { return false; }
+  std::vector<std::filesystem::path> inputs() const override { return inputs_of(plan_); }
   // Replaces the noise parameters. Throws Error if the bit depth differs.
   void set_sensor(const SensorModel& sensor);
 

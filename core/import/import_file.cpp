@@ -9,6 +9,7 @@
 #include <map>
 #include <numbers>
 #include <optional>
+#include <set>
 
 #include "core/import/file_names.h"
 #include "core/import/opencv_calibration.h"
@@ -767,6 +768,15 @@ ImportPlan read_import(const fs::path& config, const fs::path& folder, bool unpa
   }
   plan.named_files = map.asked_files();
   return plan;
+}
+
+std::vector<fs::path> inputs_of(const ImportPlan& plan) {
+  std::set<fs::path> inputs(plan.named_files.begin(), plan.named_files.end());
+  inputs.insert(plan.config);
+  for (const std::vector<fs::path>& stack : plan.stacks) {
+    for (const fs::path& image : stack) inputs.insert(image.parent_path());
+  }
+  return {inputs.begin(), inputs.end()};
 }
 
 }  // namespace fringeslam

@@ -54,6 +54,9 @@ struct ImportPlan {
   std::vector<std::filesystem::path> named_files;  // by the description, beside the images of the stacks
 };
 
+// The description, the files that it names, and the folders of the images.
+std::vector<std::filesystem::path> inputs_of(const ImportPlan& plan);
+
 // The fringe images of a ROS bag: section `bag:` of import.yaml.
 struct BagSelection {
   std::string topic;  // empty: the only one with images

@@ -38,6 +38,7 @@ class BackgroundRig : public Rig {
   // threw, after the stacks captured before.
   std::optional<FringeStack> capture(const PatternSequence& sequence) override;
   bool can_change_patterns() const override { return false; }
+  std::vector<std::filesystem::path> inputs() const override { return inner_.inputs(); }
   // Number of stacks dropped so far.
   int dropped() const { return queue_.dropped() + other_patterns_; }
 

@@ -204,6 +204,11 @@ void ReplayRig::recalibrate(const RigModel& calibration) {
 
 RecordingRig::RecordingRig(Rig& inner, fs::path folder, Durable durable)
     : inner_(inner), folder_(std::move(folder)), durable_(durable) {
+  for (const fs::path& input : inner_.inputs()) {
+    std::error_code differs;
+    if (fs::equivalent(folder_, input, differs) && !differs)
+      throw Error(folder_.string() + ": is the input of the rig to be recorded; choose another folder");
+  }
   write_text(folder_ / "rig.yaml", to_yaml(inner_.model()));
 }
 
@@ -257,15 +262,17 @@ std::optional<FringeStack> RecordingRig::capture(const PatternSequence& sequence
 }
 
 void RecordingRig::finish(const std::string& name, uint64_t seed, bool has_truth, bool imported, bool image_times) {
+  const std::string text = std::string("format: ") + kFormat + "\nname: " + yaml_quoted(name) +
+                           "\nseed: " + std::to_string(seed) + "\nstacks: " + std::to_string(stacks_) +
+                           "\ntruth: " + (has_truth ? "true" : "false") + "\n" +
+                           (has_thermal_ ? "thermal: true\n" : "") + (imported ? "imported: true\n" : "") +
+                           (image_times ? "image_times: true\n" : "");
   // Replaced as a whole, so that a growing dataset is valid at any time.
-  write_text(folder_ / kDatasetFile,
-             std::string("format: ") + kFormat + "\nname: " + yaml_quoted(name) + "\nseed: " + std::to_string(seed) +
-                 "\nstacks: " + std::to_string(stacks_) + "\ntruth: " + (has_truth ? "true" : "false") + "\n" +
-                 (has_thermal_ ? "thermal: true\n" : "") + (imported ? "imported: true\n" : "") +
-                 (image_times ? "image_times: true\n" : ""));
-  if (durable_ == Durable::no) return;
-  for (const char* file : {"rig.yaml", "patterns.yaml", kDatasetFile}) sync_entry(folder_ / file);
-  sync_entry(folder_);
+  if (durable_ == Durable::no) return write_text(folder_ / kDatasetFile, text);
+  for (const char* file : {"rig.yaml", "patterns.yaml"}) sync_entry(folder_ / file);
+  StagedFile file(folder_ / kDatasetFile);
+  write_text(file.path(), text);
+  file.commit();
   sync_entry(fs::absolute(folder_).parent_path());
 }
 

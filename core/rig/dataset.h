@@ -56,8 +56,8 @@ class ReplayRig : public Rig {
   const RigModel& model() const override { return model_; }
   const PatternSequence& sequence() const { return sequence_; }
   const DatasetInfo& info() const { return info_; }
-  const std::filesystem::path& folder() const { return folder_; }
   bool can_change_patterns() const override { return false; }
+  std::vector<std::filesystem::path> inputs() const override { return {folder_}; }
   // Replaces lenses and relative pose by those of a calibration; see with_calibration().
   void recalibrate(const RigModel& calibration);
   // Returns the next stack. Throws Error unless `sequence` is the recorded sequence or a subsequence of it.
@@ -81,10 +81,12 @@ enum class Durable { no, yes };
 // returns, so that a loss of power leaves a dataset of complete stacks.
 class RecordingRig : public Rig {
  public:
+  // Throws Error, and writes nothing, if `folder` is one that the inner rig reads.
   RecordingRig(Rig& inner, std::filesystem::path folder, Durable durable = Durable::no);
   const RigModel& model() const override { return inner_.model(); }
   std::optional<FringeStack> capture(const PatternSequence& sequence) override;
   bool can_change_patterns() const override { return false; }
+  std::vector<std::filesystem::path> inputs() const override { return inner_.inputs(); }
   void finish(const std::string& name, uint64_t seed, bool has_truth, bool imported = false, bool image_times = false);
 
  private:

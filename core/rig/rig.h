@@ -3,7 +3,9 @@
 // Its unit is a whole pattern sequence, not a single image, so that synchronisation stays inside the rig.
 #pragma once
 
+#include <filesystem>
 #include <optional>
+#include <vector>
 
 #include "core/patterns/patterns.h"
 #include "core/types/fringe_stack.h"
@@ -20,6 +22,8 @@ class Rig {
   // True if the next stack may show other patterns than the last one without loss: false for recordings, and where
   // stacks are captured ahead.
   virtual bool can_change_patterns() const { return true; }
+  // Files and folders that capture() reads, which a recording of this rig must not replace.
+  virtual std::vector<std::filesystem::path> inputs() const { return {}; }
 };
 
 }  // namespace fringeslam

@@ -32,13 +32,14 @@ class StackIterator {
   PatternSequence sequence_;
 };
 
-// Returns the rig. Throws Error if a recording in `folder` would replace the dataset that it replays.
+// Returns the rig. Throws Error if a recording in `folder` would replace files that the rig reads.
 std::shared_ptr<Rig> rig_to_record(const py::object& rig, const std::filesystem::path& folder) {
   std::shared_ptr<Rig> inner = rig_of(rig);
-  const auto* replay = dynamic_cast<const ReplayRig*>(inner.get());
-  if (replay && is_replaced_with(replay->folder(), folder))
-    throw Error(folder.string() +
-                ": contains the dataset that is replayed, which would be replaced; choose another folder");
+  for (const std::filesystem::path& input : inner->inputs()) {
+    if (is_replaced_with(input, folder))
+      throw Error(folder.string() + ": contains the input " + input.string() +
+                  ", which would be replaced; choose another folder");
+  }
   return inner;
 }
 
@@ -50,6 +51,7 @@ class Recorder : public Rig {
   const RigModel& model() const override { return inner_->model(); }
   std::optional<FringeStack> capture(const PatternSequence& sequence) override { return recording_.capture(sequence); }
   bool can_change_patterns() const override { return false; }
+  std::vector<std::filesystem::path> inputs() const override { return inner_->inputs(); }
   void finish(const std::string& name, uint64_t seed) {
     recording_.finish(name, seed, false);
     folder_.commit();

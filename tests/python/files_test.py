@@ -69,7 +69,10 @@ def test_recorded_datasets_equal_those_of_the_program(root, program, scene, tmp_
     for stack, other in zip(stacks, rendered):
         assert all(np.array_equal(a, b) for a, b in zip(stack.images, other.stack.images))
     truth = fs.read_truth(tmp_path / "cpp/truth/000001.exr")
-    assert np.array_equal(truth.depth_m, rendered[1].truth.depth_m, equal_nan=True)
+    for image in ("depth_m", "position_m", "normals", "projector_column", "projector_row", "temperature_c", "mask"):
+        assert np.array_equal(getattr(truth, image), getattr(rendered[1].truth, image), equal_nan=True), image
+    rig = scene.rig
+    assert np.array_equal(fs.visible_surface([truth], rig), fs.visible_surface([rendered[1].truth], rig))
 
 
 def test_an_unfinished_recording_leaves_nothing(scene, tmp_path):
@@ -79,13 +82,24 @@ def test_an_unfinished_recording_leaves_nothing(scene, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_recording_does_not_replace_the_dataset_that_is_replayed(scene, tmp_path):
+def test_a_recording_does_not_replace_its_input(scene, tmp_path):
     folder = tmp_path / "dataset"
     recorder = fs.RecordingRig(fs.VirtualRig(scene), folder)
     recorder.capture(scene.patterns)
     recorder.finish(scene.name, scene.seed)
-    with pytest.raises(fs.Error, match="dataset: contains the dataset that is replayed"):
+    with pytest.raises(fs.Error, match="dataset: contains the input .*dataset, which would be replaced"):
         fs.RecordingRig(fs.ReplayRig(folder), folder)
+    files = sorted(path.name for path in (folder / "stacks/000000").glob("*.png"))
+    (tmp_path / "import.yaml").write_text(
+        "name: own\nnear_m: 0.7\nfar_m: 1.4\nstacks: [stacks/000000]\n"
+        f"projector: {{width_px: {scene.rig.projector.width}, height_px: {scene.rig.projector.height}}}\n"
+        f"patterns: [{{files: [{', '.join(files)}], "
+        f"fringe: {{axis: columns, period_px: 16, steps: {len(files)}}}}}]\n"
+    )
+    imported = fs.ImportedRig(folder, tmp_path / "import.yaml")
+    with pytest.raises(fs.Error, match="dataset: contains the input .*000000, which would be replaced"):
+        fs.RecordingRig(imported, folder)
+    assert len(list(imported)) == 1
     copy = fs.RecordingRig(fs.ReplayRig(folder), tmp_path / "copy")
     assert copy.capture(scene.patterns) is not None
     copy.finish(scene.name, scene.seed)

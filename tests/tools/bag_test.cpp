@@ -59,8 +59,9 @@ class Bags : public testing::Test {
     return names;
   }
 
-  // Writes stacks until the file has reached the largest size that the process may write, and keeps it.
-  test::fs::path record_until_full(const std::string& name) const {
+  // Writes stacks until the file has reached the largest size that the process may write, and keeps it, also if there is `room`
+  // when the bag is to be finished.
+  test::fs::path record_until_full(const std::string& name, bool room = false) const {
     constexpr rlim_t kMost = 2000000;  // several chunks
     rlimit before{};
     getrlimit(RLIMIT_FSIZE, &before);
@@ -72,6 +73,7 @@ class Bags : public testing::Test {
     const std::string error = message_of([&] {
       for (int i = 0; i < 100000; ++i) recorder.add(stack);
     });
+    if (room) setrlimit(RLIMIT_FSIZE, &before);
     const std::string again = message_of([&] { recorder.finish({}); });
     setrlimit(RLIMIT_FSIZE, &before);
     std::signal(SIGXFSZ, handler);
@@ -307,7 +309,7 @@ TEST_F(Bags, WhatFitsOnTheDiskIsKept) {
   const test::fs::path kept = record_until_full("full.bag");
   EXPECT_EQ(kept, temp_ / "full.bag.unfinished");
   EXPECT_FALSE(test::fs::exists(temp_ / "full.bag"));
-  EXPECT_EQ(record_until_full("full.bag"), temp_ / "full.bag.2.unfinished");
+  EXPECT_EQ(record_until_full("full.bag", true), temp_ / "full.bag.2.unfinished");
   EXPECT_EQ(std::distance(test::fs::directory_iterator(temp_.path()), {}), 2) << "no temporary folder is left";
   if (std::system("command -v rosbag > /dev/null") != 0)
     GTEST_SKIP() << "rosbag is missing; tools/setup --test installs it";
@@ -450,6 +452,36 @@ TEST_F(Bags, InconsistentContentsAreErrors) {
   }
   EXPECT_THAT(import_error("types.bag"),
               HasSubstr("types.bag: topic /fringeslam/rig contains sensor_msgs/CameraInfo, not images or text"));
+}
+
+TEST_F(Bags, TextAndPosesBeyondTheLimitsAreRefused) {
+  DatasetInfo info;
+  info.name = "long";
+  BagRecorder recorder(temp_ / "long.bag", test::tiny_rig(), test::short_sequence(), info, "");
+  const std::vector<FringeStack> stacks = test::noise_stacks(CV_8UC1);
+  for (const FringeStack& stack : stacks) recorder.add(stack);
+  recorder.finish({{1, Pose{}}, {2, Pose{}}, {3, Pose{}}});
+  size_t longest = 0, all = 0;
+  for (const char* topic : {"dataset", "rig", "patterns", "stack"}) {
+    for (const BagMessage& message : messages("long.bag", std::string("/fringeslam/") + topic)) {
+      longest = std::max(longest, message.text.size());
+      all += message.text.size();
+    }
+  }
+  const BagLimits enough{longest, all, stacks.size(), 3};
+  EXPECT_EQ(BagRig(temp_ / "long.bag", enough).info().stacks, 2);
+  EXPECT_EQ(true_camera_trajectory(temp_ / "long.bag", enough).size(), 3u);
+  const auto refused = [&](const BagLimits& limits, const std::string& says) {
+    EXPECT_THAT(message_of([&] { BagRig(temp_ / "long.bag", limits); }),
+                testing::AllOf(StartsWith(at("long.bag: /fringeslam/")), HasSubstr(says)));
+  };
+  refused({longest - 1, all, 2, 3}, " bytes in a message, the limit");
+  refused({longest, all - 1, 2, 3}, " bytes of text up to here");
+  refused({longest, all, 1, 3}, "more than 1 stacks");
+  EXPECT_THAT(message_of([&] {
+                true_camera_trajectory(temp_ / "long.bag", {longest, all, 2, 2});
+              }),
+              HasSubstr("/ground_truth/path: has more than 2 poses"));
 }
 
 // --- bags of other programs ---

@@ -284,6 +284,21 @@ TEST(Dataset, HoldsOneSequence) {
   EXPECT_THAT(message_of([&] { recording.capture(other); }), HasSubstr("one pattern sequence"));
 }
 
+TEST(Dataset, IsNotRecordedIntoItself) {
+  const test::TempFolder temp;
+  test::record(temp / "dataset", test::noise_stacks(CV_8UC1), "noise", 1);
+  const std::string whole = test::read_bytes(temp / "dataset/rig.yaml");
+  ReplayRig replay(temp / "dataset");
+  test::fs::create_directory(temp / "copy");
+  RecordingRig copy(replay, temp / "copy");
+  // The second one reads the dataset too, through the first.
+  for (Rig* rig : {static_cast<Rig*>(&replay), static_cast<Rig*>(&copy)}) {
+    EXPECT_THAT(message_of([&] { RecordingRig again(*rig, temp / "copy/../dataset"); }),
+                HasSubstr("dataset: is the input of the rig to be recorded; choose another folder"));
+  }
+  EXPECT_EQ(test::read_bytes(temp / "dataset/rig.yaml"), whole);
+}
+
 TEST(Dataset, IsNoDatasetBeforeItIsFinished) {
   const test::TempFolder temp;
   test::FakeRig fake(test::tiny_rig(), test::noise_stacks(CV_8UC1));

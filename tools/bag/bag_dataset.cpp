@@ -87,7 +87,8 @@ bool wrote(const fs::path& bag) {
 const fs::path& replaceable(const fs::path& file) {
   std::error_code ignored;
   if (fs::exists(file, ignored) && !wrote(file))
-    throw Error(file.string() + ": exists and is not a ROS bag written by fringeslam; choose another --out or remove it");
+    throw Error(file.string() +
+                ": exists and is not a ROS bag written by fringeslam; choose another --out or remove it");
   return file;
 }
 
@@ -231,12 +232,14 @@ bool is_bag(const fs::path& file) {
   return std::string(start, sizeof start) == "#ROSBAG";
 }
 
-Trajectory true_camera_trajectory(const fs::path& file) {
+Trajectory true_camera_trajectory(const fs::path& file, const BagLimits& limits) {
   BagStream stream(file, {kRigTopic, kPathTopic});
   std::string rig;
   Trajectory robot;
   while (const auto message = stream.next()) {
     if (message->topic == kRigTopic) rig = message->text;
+    if (message->path.size() > limits.poses - robot.size())
+      throw Error(file.string() + ": " + kPathTopic + ": has more than " + std::to_string(limits.poses) + " poses");
     for (const auto& [stamp, pose] : message->path) {
       const auto& [x, y, z, w] = pose.xyzw;
       const auto& [tx, ty, tz] = pose.translation_m;
@@ -308,7 +311,7 @@ struct BagRig::Images {
   BagStream stream;
   std::string where;
   int read = 0;
-  std::vector<BagMessage> early;  // images of later stacks
+  std::vector<std::pair<BagTime, cv::Mat>> early;  // images of later stacks and their stamps
 
   BagMessage next() {
     auto message = stream.next();
@@ -320,10 +323,20 @@ struct BagRig::Images {
   std::string number() const { return where + ", image " + std::to_string(read); }
 };
 
-BagRig::BagRig(fs::path file) : file_(std::move(file)) {
+BagRig::BagRig(fs::path file, const BagLimits& limits) : file_(std::move(file)) {
   BagStream stream(file_, {kDatasetTopic, kRigTopic, kPatternsTopic, kBoardTopic, kStackTopic});
   std::string dataset, rig, patterns;
+  size_t text_bytes = 0;
   while (auto message = stream.next()) {
+    const size_t bytes = message->text.size();
+    const auto refuse_above = [&](size_t value, size_t most, const std::string& of) {
+      if (value > most)
+        throw Error(file_.string() + ": " + message->topic + ": more than " + std::to_string(most) + of +
+                    ", the limit for a bag; record or import it in parts");
+    };
+    refuse_above(bytes, limits.text_bytes, " bytes in a message");
+    refuse_above(text_bytes += bytes, limits.all_text_bytes, " bytes of text up to here");
+    if (message->topic == kStackTopic) refuse_above(stacks_.size() + 1, limits.stacks, " stacks");
     if (message->topic == kDatasetTopic) dataset = message->text;
     if (message->topic == kRigTopic) rig = message->text;
     if (message->topic == kPatternsTopic) patterns = message->text;
@@ -394,22 +407,25 @@ std::optional<FringeStack> BagRig::capture(const PatternSequence& sequence) {
   // Images are in order of time, which need not be that of the patterns, and the first images of the next stack may be
   // among them.
   stack.images.resize(count);
-  std::vector<BagMessage> early = std::exchange(images_->early, {});
+  auto early = std::exchange(images_->early, {});
   size_t missing = count;
-  const auto assign = [&](BagMessage message) {
+  const auto assign = [&](BagTime stamp, cv::Mat image) {
     for (size_t slot = 0; slot < count; ++slot) {
-      if (!stack.images[slot].empty() || bag_time(stack.exposure_time_s[slot], offset_s_) != message.stamp) continue;
-      stack.images[slot] = image_for(model_.camera, *images_, message);
+      if (!stack.images[slot].empty() || bag_time(stack.exposure_time_s[slot], offset_s_) != stamp) continue;
+      stack.images[slot] = std::move(image);
       --missing;
       return;
     }
-    images_->early.push_back(std::move(message));
+    images_->early.emplace_back(stamp, std::move(image));
     if (images_->early.size() > count)
       throw Error(images_->number() + ": has a stamp that stack " + std::to_string(next_) + " of " + kStackTopic +
                   " does not list, like too many before it");
   };
-  for (BagMessage& message : early) assign(std::move(message));
-  while (missing > 0) assign(images_->next());
+  for (auto& [stamp, image] : early) assign(stamp, std::move(image));
+  while (missing > 0) {
+    const BagMessage message = images_->next();
+    assign(message.stamp, image_for(model_.camera, *images_, message));
+  }
   for (const cv::Mat& image : stack.images) {
     if (image.channels() != 1 || image.type() != stack.images.front().type())
       throw Error(images_->where + ": stack " + std::to_string(next_) + " has images of different or colored types");

@@ -25,6 +25,7 @@
 #include <optional>
 
 #include "core/io/files.h"
+#include "core/io/yaml_guard.h"
 #include "core/rig/dataset.h"
 #include "tools/bag/bag.h"
 #include "tools/rgbd.h"
@@ -75,17 +76,25 @@ class BagRecorder {
 WrittenViews write_bag(Source& source, const Settings& settings, const RgbdOptions& options, bool with_truth,
                        const std::filesystem::path& out, const Common& common);
 
+// What is kept of a bag while it is read: a small file can contain any amount of it, because bags may be compressed.
+struct BagLimits {
+  size_t text_bytes = kMostYamlBytes;       // of a message
+  size_t all_text_bytes = size_t{1} << 30;  // of all messages
+  size_t stacks = 1'000'000, poses = 5'000'000;
+};
+
 // Replays the stacks of a bag that BagRecorder wrote.
 class BagRig : public Rig {
  public:
-  // Throws Error naming the file and the topic if something is missing or invalid.
-  explicit BagRig(std::filesystem::path file);
+  // Throws Error naming the file and the topic if something is missing or invalid, or exceeds the limits.
+  explicit BagRig(std::filesystem::path file, const BagLimits& limits = {});
   ~BagRig() override;
   const RigModel& model() const override { return model_; }
   const PatternSequence& sequence() const { return sequence_; }
   const DatasetInfo& info() const { return info_; }
   const std::string& board_yaml() const { return board_yaml_; }
   bool can_change_patterns() const override { return false; }
+  std::vector<std::filesystem::path> inputs() const override { return {file_}; }
   void recalibrate(const RigModel& calibration);
   std::optional<FringeStack> capture(const PatternSequence& sequence) override;
 
@@ -111,8 +120,9 @@ bool is_our_bag(const std::vector<BagTopic>& topics);
 // True for a file that begins like a bag.
 bool is_bag(const std::filesystem::path& file);
 
-// Reads the true trajectory of the camera from a bag that `render` wrote, at its times. Throws Error if it has none.
-Trajectory true_camera_trajectory(const std::filesystem::path& file);
+// Reads the true trajectory of the camera from a bag that `render` wrote, at its times. Throws Error if it has none, or more
+// poses than the limit.
+Trajectory true_camera_trajectory(const std::filesystem::path& file, const BagLimits& limits = {});
 
 // Converts an image message to CV_8UC1, CV_16UC1, CV_32FC1 or CV_8UC3 (BGR). Throws Error, which `where` begins, if its
 // encoding is not supported or its size does not match its bytes.

@@ -116,6 +116,8 @@ BagWriter::~BagWriter() {
 }
 
 void BagWriter::close() {
+  if (impl_->failed)  // the index would follow an incomplete record
+    throw Error(impl_->file.string() + ": cannot be written completely, because a message before could not be written");
   impl_->guarded([&] { impl_->bag->close(); });
 }
 

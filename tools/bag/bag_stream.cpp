@@ -174,18 +174,22 @@ BagStream::~BagStream() { stop(); }
 
 void BagStream::stop() {
   if (pipe_ >= 0) close(pipe_);
-  if (child_ > 0) {
+  pipe_ = -1;
+  end_child();
+}
+
+int BagStream::end_child() {
+  int status = 0;
+  if (child_ > 0) {  // kill(-1) would end every process of the user
     kill(child_, SIGKILL);
-    while (waitpid(child_, nullptr, 0) < 0 && errno == EINTR) continue;
+    while (waitpid(child_, &status, 0) < 0 && errno == EINTR) continue;
   }
-  pipe_ = -1, child_ = -1;
+  child_ = -1;
+  return status;
 }
 
 void BagStream::report_death() {
-  int status = 0;
-  kill(child_, SIGKILL);
-  while (waitpid(child_, &status, 0) < 0 && errno == EINTR) continue;
-  child_ = -1;
+  const int status = end_child();
   if (WIFSIGNALED(status) && WTERMSIG(status) == SIGXCPU)
     throw Error(file_.string() + ": reading it takes too long; the bag is broken");
   throw Error(file_.string() + ": the bag reader crashed; the bag is probably broken, record or copy it again");

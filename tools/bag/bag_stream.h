@@ -34,6 +34,8 @@ class BagStream {
   void read(char* bytes, size_t size);
   [[noreturn]] void report_death();
   void stop();
+  // Kills the child unless it has ended; returns its status once, then 0.
+  int end_child();
 
   std::filesystem::path file_;
   std::vector<BagTopic> topics_;
