@@ -8,6 +8,7 @@
 #include <cmath>
 #include <cstdio>
 #include <limits>
+#include <map>
 #include <string_view>
 
 #include "core/types/error.h"
@@ -47,6 +48,21 @@ void check_mesh(const std::filesystem::path& file, const RawModel& model, const 
                 ", but the file has only " + std::to_string(model.materials.size()));
 }
 
+// Refuses a file whose nodes would take hours or exhaust memory, before the work.
+void check_nodes(const std::filesystem::path& file, const RawModel& model) {
+  uint64_t vertices = 0, triangles = 0;
+  for (const RawInstance& instance : model.instances) {
+    if (instance.mesh >= model.meshes.size())
+      throw Error(file.string() + ": node '" + instance.name + "' refers to a mesh that does not exist");
+    vertices += model.meshes[instance.mesh].positions.size() / 3;
+    triangles += model.meshes[instance.mesh].indices.size() / 3;
+  }
+  if (std::max(vertices, triangles) > kMostVerticesOfNodes)
+    throw Error(file.string() + ": its nodes have " + std::to_string(vertices) + " vertices and " +
+                std::to_string(triangles) + " triangles; at most " + std::to_string(kMostVerticesOfNodes) +
+                " of each are read: divide it, or use its meshes in fewer nodes");
+}
+
 // Polar decomposition x -> rotation * (stretch * x) + translation; the rotation is proper, `stretch` may reflect.
 struct Decomposed {
   Eigen::Matrix3d stretch;
@@ -69,10 +85,13 @@ struct ScaledMesh {
 // Applies `stretch` to the raw mesh and drops degenerate triangles.
 ScaledMesh stretched(const RawMesh& raw, const Eigen::Matrix3d& stretch) {
   Mesh mesh;
+  mesh.vertices.reserve(raw.positions.size() / 3);
+  mesh.triangles.reserve(raw.indices.size() / 3);
   for (size_t i = 0; i + 2 < raw.positions.size(); i += 3)
     mesh.vertices.push_back(
         stretch * Eigen::Vector3f(raw.positions[i], raw.positions[i + 1], raw.positions[i + 2]).cast<double>());
   if (raw.coordinates.size() / 2 == raw.positions.size() / 3) {
+    mesh.texture_coordinates.reserve(raw.coordinates.size() / 2);
     // Programs that unwrap meshes leave NaN at degenerate triangles.
     const auto finite = [](float value) { return std::isfinite(value) ? value : 0; };
     for (size_t i = 0; i + 1 < raw.coordinates.size(); i += 2)
@@ -98,13 +117,41 @@ ScaledMesh stretched(const RawMesh& raw, const Eigen::Matrix3d& stretch) {
   return result;
 }
 
-// Returns the mesh at this scale, creating it on first use; scales that differ only by rounding are shared.
-const ScaledMesh& find_or_make(std::vector<ScaledMesh>& sizes, const RawMesh& raw, const Eigen::Matrix3d& stretch) {
-  for (const ScaledMesh& size : sizes) {
-    if ((size.stretch - stretch).norm() <= 1e-6 * stretch.norm()) return size;
-  }
-  return sizes.emplace_back(stretched(raw, stretch));
+// Memory that stretched() takes for its result.
+size_t stretched_bytes(const RawMesh& raw) {
+  return sizeof(Mesh) + sizeof(ScaledMesh) + raw.positions.size() / 3 * sizeof(Eigen::Vector3d) +
+         raw.coordinates.size() / 2 * sizeof(Eigen::Vector2f) + raw.indices.size() / 3 * sizeof(Eigen::Vector3i);
 }
+
+// A mesh of the file at all its scales.
+class Scales {
+ public:
+  // Returns the mesh at this scale, or nullptr. Scales that differ only by rounding are shared.
+  const ScaledMesh* find(const Eigen::Matrix3d& stretch) const {
+    constexpr double kRounding = 1e-6;
+    constexpr int kMostCompared = 100;  // a file can have very many scales of almost the same sum
+    const double rounding = kRounding * stretch.norm(), reach = rounding * weights().norm(), sum = sum_of(stretch);
+    int compared = 0;
+    for (auto scale = scales_.lower_bound(sum - reach);
+         scale != scales_.end() && scale->first <= sum + reach && compared < kMostCompared; ++scale, ++compared) {
+      if ((scale->second.stretch - stretch).norm() <= rounding) return &scale->second;
+    }
+    return nullptr;
+  }
+  const ScaledMesh& add(const RawMesh& raw, const Eigen::Matrix3d& stretch) {
+    return scales_.emplace(sum_of(stretch), stretched(raw, stretch))->second;
+  }
+  size_t size() const { return scales_.size(); }
+
+ private:
+  // In the sum that orders the scales, no two elements weigh the same: many files have equal scales along different axes.
+  static Eigen::Matrix3d weights() {
+    return (Eigen::Matrix3d() << 0.31, 0.17, 0.43, 0.29, 0.71, 0.13, 0.59, 0.23, 0.97).finished();
+  }
+  static double sum_of(const Eigen::Matrix3d& stretch) { return stretch.cwiseProduct(weights()).sum(); }
+
+  std::multimap<double, ScaledMesh> scales_;
+};
 
 // Writes an image embedded in the file to the cache and returns its path.
 std::filesystem::path unpacked(const std::filesystem::path& file, const RawTexture& texture) {
@@ -181,8 +228,12 @@ std::string MeshImport::summary(const std::filesystem::path& file) const {
 }
 
 MeshImport import_mesh(const std::filesystem::path& file, const MeshImportOptions& options) {
-  const RawModel model = read_model(file, options.time_limit_s, options.memory_limit_gib);
+  return import_model(file, read_model(file, options.time_limit_s, options.memory_limit_gib), options);
+}
+
+MeshImport import_model(const std::filesystem::path& file, const RawModel& model, const MeshImportOptions& options) {
   for (const RawMesh& mesh : model.meshes) check_mesh(file, model, mesh);
+  check_nodes(file, model);
   MeshImport result;
   for (const RawFile& read : model.files) result.files.insert(read.path);
   result.unit_m = options.unit_m.value_or(model.unit_m > 0 ? model.unit_m : 1);
@@ -190,24 +241,43 @@ MeshImport import_mesh(const std::filesystem::path& file, const MeshImportOption
   const Eigen::Matrix3d turned = world_from_file_axes(result.up);
   result.low.setConstant(std::numeric_limits<double>::infinity());
   result.high = -result.low;
-  std::vector<std::vector<ScaledMesh>> sizes(model.meshes.size());
+  double taken_mib = 0;
+  const auto take = [&](size_t bytes) {
+    const double most_mib = 1024 * options.memory_limit_gib;
+    taken_mib += static_cast<double>(bytes) / (1 << 20);
+    if (taken_mib > most_mib)
+      throw Error(file.string() + ": its nodes, and its meshes at all their scales, need more than " +
+                  std::to_string(static_cast<int>(most_mib)) + " MiB of memory; it is damaged, or has to be divided");
+  };
+  std::map<std::string, std::filesystem::path> textures;  // by their names in the file
+  const auto texture_of = [&](const RawMaterial& material) {
+    const auto [texture, is_new] = textures.try_emplace(material.texture);
+    if (is_new) {
+      texture->second = texture_file(file, model, material.texture);
+      if (!material.texture.empty() && material.texture[0] != '*') result.files.insert(texture->second);
+    }
+    return texture->second;
+  };
+  std::vector<Scales> scales(model.meshes.size());
   for (const RawInstance& instance : model.instances) {
-    if (instance.mesh >= model.meshes.size())
-      throw Error(file.string() + ": node '" + instance.name + "' refers to a mesh that does not exist");
     const RawMesh& mesh = model.meshes[instance.mesh];
     Eigen::Matrix4d transform =
         Eigen::Map<const Eigen::Matrix<double, 4, 4, Eigen::RowMajor>>(instance.transform.data());
-    if (!transform.allFinite())
-      throw Error(file.string() + ": the transform of " + label(instance, mesh) + " is not finite");
     Eigen::Affine3d ours_from_mesh;
     ours_from_mesh.linear() = result.unit_m * turned * transform.topLeftCorner<3, 3>();
     ours_from_mesh.translation() = result.unit_m * turned * transform.topRightCorner<3, 1>();
+    if (!transform.allFinite() || !std::isfinite(ours_from_mesh.linear().squaredNorm()))
+      throw Error(file.string() + ": the transform of " + label(instance, mesh) + " is not finite");
     const auto [stretch, pose] = decomposed(ours_from_mesh);
-    const ScaledMesh& size = find_or_make(sizes[instance.mesh], mesh, stretch);
-    result.degenerate += size.degenerate;
-    if (size.mesh->triangles.empty()) continue;
+    const ScaledMesh* size = scales[instance.mesh].find(stretch);
+    if (!size) {
+      take(stretched_bytes(mesh));
+      size = &scales[instance.mesh].add(mesh, stretch);
+    }
+    result.degenerate += size->degenerate;
+    if (size->mesh->triangles.empty()) continue;
     ImportedPart part;
-    part.mesh = size.mesh;
+    part.mesh = size->mesh;
     part.world_from_part = pose;
     part.name = instance.name.empty() ? mesh.name : instance.name;
     if (mesh.material < model.materials.size()) {
@@ -219,9 +289,9 @@ MeshImport import_mesh(const std::filesystem::path& file, const MeshImportOption
       if (!std::isfinite(luminance))
         throw Error(file.string() + ": the colour of material '" + material.name + "' is not finite; export it again");
       part.albedo = std::clamp(luminance, 0.0, 1.0);
-      part.texture = texture_file(file, model, material.texture);
-      if (!material.texture.empty() && material.texture[0] != '*') result.files.insert(part.texture);
+      part.texture = texture_of(material);
     }
+    take(sizeof part + part.name.size() + part.material.size() + part.texture.native().size());
     for (const Eigen::Vector3d& vertex : part.mesh->vertices) {
       const Eigen::Vector3d v = pose * vertex;
       result.low = result.low.cwiseMin(v), result.high = result.high.cwiseMax(v);
@@ -229,7 +299,7 @@ MeshImport import_mesh(const std::filesystem::path& file, const MeshImportOption
     result.triangles += part.mesh->triangles.size();
     result.parts.push_back(std::move(part));
   }
-  for (const auto& of_mesh : sizes) result.meshes += of_mesh.size();
+  for (const Scales& of_mesh : scales) result.meshes += of_mesh.size();
   if (result.parts.empty()) throw Error(file.string() + ": contains no triangle of nonzero area");
   check_extent(file, result);
   return result;

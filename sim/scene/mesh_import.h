@@ -5,6 +5,7 @@
 #pragma once
 
 #include <array>
+#include <cstdint>
 #include <filesystem>
 #include <memory>
 #include <optional>
@@ -28,8 +29,12 @@ struct MeshImportOptions {
   std::optional<double> unit_m;  // length of one file unit, overriding the file's; default: the file's unit, else 1 m
   std::optional<UpAxis> up;      // file axis mapped to world z, overriding the format's default
   double time_limit_s = 60;
-  double memory_limit_gib = 4;
+  double memory_limit_gib = 4;  // of the process that reads the file, and of the imported parts
 };
+
+// Vertices, and triangles, that the nodes of a file may have together, each node with all those of its mesh: a small file can
+// use one large mesh in very many nodes.
+constexpr uint64_t kMostVerticesOfNodes = 200'000'000;
 
 // The geometry of one node of the file: triangles of one material, in m, z up. Nodes that use the same mesh at the same
 // scale share it.
@@ -56,7 +61,13 @@ struct MeshImport {
 };
 
 // Imports a mesh file into the z-up world frame (m). Throws Error naming the file if it cannot be read, contains no
-// non-degenerate triangle, or contains invalid indices or non-finite coordinates.
+// non-degenerate triangle, contains invalid indices or non-finite coordinates, or exceeds the limits.
 MeshImport import_mesh(const std::filesystem::path& file, const MeshImportOptions& options = {});
+
+struct RawModel;
+
+// The same for a model that was read from the file.
+MeshImport import_model(const std::filesystem::path& file, const RawModel& model,
+                        const MeshImportOptions& options = {});
 
 }  // namespace fringeslam::sim

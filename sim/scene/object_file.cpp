@@ -205,6 +205,17 @@ std::vector<Object> read_pile_objects(const YamlMap& map, uint32_t number, Objec
   return std::move(result.objects);
 }
 
+void check_texture(const YamlMap& map, const std::filesystem::path& texture) {
+  std::error_code ignored;
+  if (!std::filesystem::exists(texture, ignored))
+    throw map.error("file", texture.string() + ", the mesh's texture, does not exist; give a material");
+  try {
+    check_image(texture);
+  } catch (const Error& e) {
+    throw map.error("file", std::string("the mesh's texture ") + e.what());
+  }
+}
+
 // Imports a mesh file, one object per part; `material` overrides the file's materials.
 std::vector<Object> read_mesh(const YamlMap& map, const Materials& materials, uint32_t seed,
                               std::vector<std::string>& notes) {
@@ -224,20 +235,14 @@ std::vector<Object> read_mesh(const YamlMap& map, const Materials& materials, ui
   for (const std::filesystem::path& read : import.files) map.note_file(read);
   notes.push_back(import.summary(file));
   std::vector<Object> objects;
+  std::set<std::filesystem::path> checked;  // textures, which any number of parts can share
   for (ImportedPart& part : import.parts) {
     Object object;
     object.mesh = std::move(part.mesh);
     object.world_from_object = pose * part.world_from_part;
     object.material.albedo = part.albedo;
     if (!part.texture.empty() && !material) {
-      std::error_code ignored;
-      if (!std::filesystem::exists(part.texture, ignored))
-        throw map.error("file", part.texture.string() + ", the mesh's texture, does not exist; give a material");
-      try {
-        check_image(part.texture);
-      } catch (const Error& e) {
-        throw map.error("file", std::string("the mesh's texture ") + e.what());
-      }
+      if (checked.insert(part.texture).second) check_texture(map, part.texture);
       object.material.texture = part.texture.string();
       object.material.albedo = 1;
     }

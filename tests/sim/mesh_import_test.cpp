@@ -323,6 +323,75 @@ TEST(RawModelBytes, AreRefusedUnlessComplete) {
   EXPECT_THROW(unpacked(bytes + "x"), Error);
 }
 
+// A model with one mesh of so many vertices and triangles.
+RawModel strip_model(size_t vertices, size_t triangles) {
+  RawMesh strip{"strip", 0, {}, {}, {}};
+  for (size_t i = 0; i < vertices; ++i) {
+    for (const size_t coordinate : {i / 2, i % 2, size_t{0}}) strip.positions.push_back(static_cast<float>(coordinate));
+  }
+  for (uint32_t i = 0; i < triangles; ++i) {
+    const auto first = i % static_cast<uint32_t>(vertices - 2);
+    for (const uint32_t corner : {first, first + 1, first + 2}) strip.indices.push_back(corner);
+  }
+  RawModel model;
+  model.meshes.push_back(std::move(strip));
+  return model;
+}
+
+// A node that scales the first mesh along its axes.
+RawInstance scaled_node(const Eigen::Vector3d& scale, const std::string& name = "node") {
+  return {name, 0, {scale.x(), 0, 0, 0, 0, scale.y(), 0, 0, 0, 0, scale.z(), 0, 0, 0, 0, 1}};
+}
+
+TEST(ImportLimits, NodesMultiplyTheirMeshes) {
+  constexpr size_t kMany = 20000;
+  for (const auto& [vertices, triangles] : {std::pair(kMany, size_t{1}), std::pair(size_t{3}, kMany)}) {
+    RawModel model = strip_model(vertices, triangles);
+    model.instances.assign(kMostVerticesOfNodes / kMany + 1, scaled_node({1, 1, 1}));
+    EXPECT_THAT(
+        error_of([&] { import_model("strip.obj", model); }),
+        testing::AllOf(testing::StartsWith("strip.obj: its nodes have "), HasSubstr("at most 200000000 of each")));
+    model.instances.resize(2);
+    EXPECT_EQ(import_model("strip.obj", model).triangles, 2 * triangles);
+  }
+}
+
+TEST(ImportLimits, MeshesAtAllScalesFitInTheMemory) {
+  MeshImportOptions options;
+  options.memory_limit_gib = 10.0 / 1024;
+  RawModel same = strip_model(1000, 1000), different = same, names = strip_model(3, 1);
+  for (int i = 0; i < 400; ++i) {  // 14 MB of copies
+    same.instances.push_back(scaled_node({2, 2, 2}));
+    different.instances.push_back(scaled_node({1, 1, 1 + 0.01 * i}));
+  }
+  const MeshImport shared = import_model("strip.obj", same, options);
+  EXPECT_EQ(shared.meshes, 1u);
+  EXPECT_EQ(shared.parts.size(), 400u);
+  names.instances.assign(12000, scaled_node({1, 1, 1}, std::string(1000, 'n')));
+  for (const RawModel& model : {different, names})
+    EXPECT_THAT(error_of([&] { import_model("strip.obj", model, options); }),
+                HasSubstr("strip.obj: its nodes, and its meshes at all their scales, need more than 10 MiB of memory"));
+}
+
+TEST(ImportLimits, AnyNumberOfScalesIsSharedUpToRounding) {
+  RawModel model = strip_model(4, 2);
+  constexpr size_t kScales = 2000;
+  for (const double rounding : {0.0, 1e-7, -1e-7}) {
+    for (size_t i = 0; i < kScales; ++i) {
+      const double scale = (1 + 1e-3 * static_cast<double>(i)) * (1 + rounding);
+      model.instances.push_back(scaled_node({scale, scale, scale}));
+    }
+    for (int axis = 0; axis < 3; ++axis) {  // of the same norm
+      Eigen::Vector3d scale = Eigen::Vector3d::Constant(5 * (1 + rounding));
+      scale[axis] *= 2;
+      model.instances.push_back(scaled_node(scale));
+    }
+  }
+  const MeshImport strips = import_model("strip.obj", model);
+  EXPECT_EQ(strips.parts.size(), 3 * (kScales + 3));
+  EXPECT_EQ(strips.meshes, kScales + 3);
+}
+
 TEST_F(Import, IndicesAreWithinTheirMesh) {
   const MeshImport roof = import_mesh(file("index.gltf", gltf(60000)));
   EXPECT_LT(roof.triangles, 2u);
