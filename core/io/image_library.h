@@ -4,7 +4,6 @@
 // need it.
 #pragma once
 
-#include <filesystem>
 #include <memory>
 #include <opencv2/core.hpp>
 #include <string>
@@ -30,9 +29,9 @@ class ImageLibrary {
                          const AllocateImage& allocate) const = 0;
   // Throws Error, naming the image `name`.
   virtual std::unique_ptr<FilteredImage> filtered(const cv::Mat& pixels, const std::string& name) const = 0;
-  // Writes frames (BGR, of equal size) as an animation that repeats. Throws Error if the file cannot be written.
-  virtual void write_gif(const std::filesystem::path& file, const std::vector<cv::Mat3b>& frames,
-                         int frames_per_second) const = 0;
+  // Returns frames (BGR, of equal size) as a GIF file of an animation that repeats. Throws Error, naming the image `name`.
+  virtual std::string gif_bytes(const std::vector<cv::Mat3b>& frames, int frames_per_second,
+                                const std::string& name) const = 0;
   virtual void use_no_threads() const = 0;
 
  protected:

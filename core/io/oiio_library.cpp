@@ -175,24 +175,28 @@ class OiioLibrary final : public ImageLibrary {
     return std::make_unique<OiioFilteredImage>(pixels, name);
   }
 
-  void write_gif(const std::filesystem::path& file, const std::vector<cv::Mat3b>& frames,
-                 int frames_per_second) const override {
-    const auto fail = [&](const std::string& why) {
-      throw Error(file.string() + ": cannot be written: " + one_line(why));
-    };
+  std::string gif_bytes(const std::vector<cv::Mat3b>& frames, int frames_per_second,
+                        const std::string& name) const override {
+    const auto fail = [&](const std::string& why) { throw Error(name + ": cannot be encoded: " + one_line(why)); };
+    // OpenImageIO ignores failures to write a GIF file.
+    OIIO::Filesystem::IOVecOutput memory;
     const auto output = OIIO::ImageOutput::create("gif");
     if (!output) fail(OIIO::geterror());
+    if (!output->supports("ioproxy")) fail("this OpenImageIO writes GIF to files only; version 2.4 is needed");
     OIIO::ImageSpec spec(frames.at(0).cols, frames.at(0).rows, 3, OIIO::TypeDesc::UINT8);
     spec.attribute("FramesPerSecond", OIIO::TypeDesc::TypeRational, std::array<int, 2>{frames_per_second, 1}.data());
+    void* proxy = &memory;
+    spec.attribute("oiio:ioproxy", OIIO::TypeDesc::PTR, &proxy);
     auto mode = OIIO::ImageOutput::Create;
     for (const cv::Mat3b& frame : frames) {
       cv::Mat rgb(frame.size(), CV_8UC3);
       cv::mixChannels(cv::Mat(frame), rgb, {0, 2, 1, 1, 2, 0});
-      if (!output->open(file.string(), spec, mode) || !output->write_image(OIIO::TypeDesc::UINT8, rgb.data))
+      if (!output->open("it", spec, mode) || !output->write_image(OIIO::TypeDesc::UINT8, rgb.data))
         fail(output->geterror());
       mode = OIIO::ImageOutput::AppendSubimage;
     }
     if (!output->close()) fail(output->geterror());
+    return {memory.buffer().begin(), memory.buffer().end()};
   }
 
   void use_no_threads() const override {

@@ -7,8 +7,11 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <assimp/Exporter.hpp>
+#include <assimp/IOStream.hpp>
+#include <assimp/IOSystem.hpp>
 #include <cctype>
 #include <cmath>
+#include <cstring>
 #include <map>
 #include <memory>
 #include <set>
@@ -288,7 +291,7 @@ class Builder {
     if (format_ == MeshFormat::obj) {
       name = file_.stem().string() + "_texture_" + std::to_string(number + 1) + lower_extension(picture);
       std::replace(name.begin(), name.end(), ' ', '_');
-      fs::copy_file(picture, file_.parent_path() / name);
+      copy_input(picture, file_.parent_path() / name);
     } else {
       textures_.push_back(embedded(picture));
     }
@@ -314,6 +317,48 @@ class Builder {
   std::map<Finish, unsigned> finishes_;
   std::map<std::pair<const Mesh*, unsigned>, unsigned> shared_;
   std::map<std::string, std::string> texture_names_;
+};
+
+// Takes the files that assimp exports into memory, because its exporters of OBJ and PLY do not notice a full disk.
+class FilesToWrite : public Assimp::IOSystem {
+ public:
+  bool Exists(const char* file) const override { return files_.contains(file); }
+  char getOsSeparator() const override { return '/'; }
+  Assimp::IOStream* Open(const char* file, const char*) override { return new Stream(files_[file] = ""); }
+  void Close(Assimp::IOStream* stream) override { delete stream; }
+
+  // Writes the files.
+  void write() const {
+    for (const auto& [file, bytes] : files_) write_text(file, bytes);
+  }
+
+ private:
+  class Stream : public Assimp::IOStream {
+   public:
+    explicit Stream(std::string& bytes) : bytes_(bytes) {}
+    size_t Read(void*, size_t, size_t) override { return 0; }
+    size_t Write(const void* from, size_t size, size_t count) override {
+      const size_t more = size * count;
+      if (more == 0) return count;
+      bytes_.resize(std::max(bytes_.size(), at_ + more));
+      std::memcpy(bytes_.data() + at_, from, more);
+      at_ += more;
+      return count;
+    }
+    aiReturn Seek(size_t offset, aiOrigin origin) override {
+      at_ = offset + (origin == aiOrigin_CUR ? at_ : origin == aiOrigin_END ? bytes_.size() : 0);
+      return aiReturn_SUCCESS;
+    }
+    size_t Tell() const override { return at_; }
+    size_t FileSize() const override { return bytes_.size(); }
+    void Flush() override {}
+
+   private:
+    std::string& bytes_;
+    size_t at_ = 0;
+  };
+
+  std::map<std::string, std::string> files_;  // by path
 };
 
 // Returns assimp's identifier of the format.
@@ -365,8 +410,11 @@ MeshExport export_mesh(const Scene& scene, const fs::path& file, const std::vect
   Builder builder(scene, format, staged.path());
   const std::unique_ptr<aiScene> model = builder.built();
   Assimp::Exporter exporter;
+  auto* files = new FilesToWrite;
+  exporter.SetIOHandler(files);  // which then belongs to it
   if (exporter.Export(model.get(), writer_of(format, file), staged.path().string()) != aiReturn_SUCCESS)
     throw Error(file.string() + ": cannot be written: " + exporter.GetErrorString());
+  files->write();
   const std::vector<std::string> companions = staged.companions();
   for (const std::string& name : companions) {
     const fs::path companion = staged.target().parent_path() / name;

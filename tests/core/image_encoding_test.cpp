@@ -58,6 +58,20 @@ TEST(PngEncoding, RefusesOtherPixels) {
   EXPECT_THAT(message_of([] { encode_png(cv::Mat(), {}); }), HasSubstr("PNG image: cannot be encoded"));
 }
 
+// In memory, because OpenImageIO does not notice when a disk is full.
+TEST(GifEncoding, IsCompleteAndReadByOpenImageIo) {
+  const cv::Vec3b first(20, 100, 60), second(200, 100, 60);
+  const std::vector<cv::Mat3b> frames = {cv::Mat3b(11, 17, first), cv::Mat3b(11, 17, second)};
+  const std::string bytes = image_library().gif_bytes(frames, 6, "gif");
+  EXPECT_THAT(bytes, testing::StartsWith("GIF89a"));
+  EXPECT_EQ(bytes.back(), ';');
+  EXPECT_GT(bytes.size(), image_library().gif_bytes({frames[0]}, 6, "gif").size());
+  const cv::Mat read = image_library().decode(bytes, {"gif"}, "gif", allocated);
+  ASSERT_EQ(read.size(), cv::Size(17, 11));
+  const cv::Scalar color = cv::mean(read);  // red, green, blue
+  for (int i = 0; i < 3; ++i) EXPECT_NEAR(color[i], first[2 - i], 8) << i;
+}
+
 TEST(JpegEncoding, IsReadByOpenImageIo) {
   cv::Mat1b image(37, 50);
   for (int row = 0; row < image.rows; ++row) {

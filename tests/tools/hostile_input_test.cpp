@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cstring>
 #include <limits>
+#include <map>
 #include <nlohmann/json.hpp>
 
 #include "core/io/files.h"
@@ -281,6 +282,26 @@ TEST_F(HostileInput, AFileSizeLimitIsAnError) {
   expect_refused(run_shell(test::limit_file_size(16, (temp_ / "counters").string()) + "PROGRAM render " +
                            quoted(scene_.string()) + " --quiet --out " + quoted(out())),
                  {out(), "cannot be written: File too large"});
+}
+
+TEST_F(HostileInput, AnExportThatDoesNotFitOnTheDiskLeavesTheOlderOne) {
+  const path results = temp_ / "results";
+  const auto content = [&] {
+    std::map<std::string, std::string> files;
+    for (const std::string& name : test::listing(results)) files[name] = test::read_bytes(results / name);
+    return files;
+  };
+  for (const char* name : {"world.ply", "world.obj", "world.gltf", "world.glb"}) {
+    const std::string mesh = (results / name).string();
+    test::run_successfully({"scene", "export", scene_.string(), "--out", mesh});
+    const auto older = content();
+    expect_one_line(run_shell(test::limit_file_size(4, (temp_ / "counters").string()) + "PROGRAM scene export " +
+                              quoted(scene_.string()) + " --seed 9 --out " + quoted(mesh)),
+                    {(results / "world.").string(), ": cannot be written: File too large"});
+    EXPECT_EQ(content(), older) << name;
+    test::run_successfully({"scene", "export", scene_.string(), "--seed", "9", "--out", mesh});
+    EXPECT_NE(content(), older) << name;
+  }
 }
 
 TEST_F(HostileInput, StandardOutputThatCannotBeWrittenIsAnError) {

@@ -90,7 +90,8 @@ TEST_F(ManyViews, HavePosesAtEverySingleImageIfWanted) {
   // The sigmas are those of the worst direction.
   EXPECT_LT(score.at("images").at("ate_rmse_mm"), 1.5e3 * std::sqrt(variance_m2 / static_cast<double>(tracked)));
   EXPECT_LT(score.at("images").at("ate_rmse_mm"), 1);
-  EXPECT_TRUE(test::read_bytes(temp_ / "run/animation.gif").starts_with("GIF89a"));
+  EXPECT_THAT(test::read_bytes(temp_ / "run/animation.gif"),
+              testing::AllOf(testing::StartsWith("GIF89a"), testing::EndsWith(";")));
 }
 
 // The number of stacks along a path depends on the patterns that the pipeline requests.

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <opencv2/imgproc.hpp>
 
+#include "core/io/files.h"
 #include "core/io/image_library.h"
 #include "core/io/image_worker.h"
 #include "core/map/map_cloud.h"
@@ -60,7 +61,7 @@ void Animation::write(const std::filesystem::path& file, const Mapper& mapper, c
   }
   for (int i = 1; i < kLastFrame; ++i) frames.push_back(frames.back());
   prepare_image_decoding();
-  image_library().write_gif(file, frames, kFramesPerSecond);
+  write_text(file, image_library().gif_bytes(frames, kFramesPerSecond, file.string()));
 }
 
 }  // namespace fringeslam::tools
