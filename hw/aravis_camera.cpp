@@ -292,6 +292,7 @@ class AravisCamera::Connection {
       g_object_set(stream_.get(), "socket-buffer", ARV_GV_STREAM_SOCKET_BUFFER_FIXED, "socket-buffer-size",
                    kSocketBytes, nullptr);
     const guint payload = checked("payload", [&](GError** e) { return arv_camera_get_payload(camera, e); });
+    check_payload(format_, settings_.size, payload);
     for (int i = 0; i < kBuffers; ++i) arv_stream_push_buffer(stream_.get(), arv_buffer_new_allocate(payload));
     checked("start", [&](GError** e) { arv_camera_start_acquisition(camera, e); });
   }

@@ -78,6 +78,15 @@ size_t image_bytes(const PixelFormat& format, cv::Size size) {
   return 0;
 }
 
+void check_payload(const PixelFormat& format, cv::Size size, uint64_t bytes) {
+  constexpr uint64_t kMostMore = 1 << 20;
+  const uint64_t image = image_bytes(format, size);
+  if (bytes < image || bytes - image > kMostMore)
+    throw Error("camera: announces " + std::to_string(bytes) + " bytes for each image, but one of " + to_words(size) +
+                " in " + format.name + " has " + std::to_string(image) +
+                "; restart the camera, and switch off what it adds to images (chunk data)");
+}
+
 cv::Mat unpacked(const PixelFormat& format, cv::Size size, const void* data, size_t bytes) {
   if (bytes != image_bytes(format, size))
     throw Error("camera: an image of " + to_words(size) + " in " + format.name + " has " +

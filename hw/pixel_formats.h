@@ -31,6 +31,10 @@ const PixelFormat& pixel_format(const std::string& name);
 // Bytes of an image without line padding.
 size_t image_bytes(const PixelFormat& format, cv::Size size);
 
+// Checks the bytes that a camera announces for each image, before they are allocated: image_bytes(), and up to 1 MiB of padding
+// and data about the image. Throws Error otherwise.
+void check_payload(const PixelFormat& format, cv::Size size, uint64_t bytes);
+
 // Unpacks to CV_8UC1, or CV_16UC1 for more than eight bits. Throws Error if `bytes` differs from image_bytes().
 cv::Mat unpacked(const PixelFormat& format, cv::Size size, const void* data, size_t bytes);
 

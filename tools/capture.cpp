@@ -58,7 +58,15 @@ int status_of(const std::string& command) {
   posix_spawn_file_actions_t actions;
   posix_spawn_file_actions_init(&actions);
   posix_spawn_file_actions_addclosefrom_np(&actions, STDERR_FILENO + 1);
-  const int error = posix_spawn(&child, "/bin/sh", &actions, nullptr, const_cast<char**>(arguments), environ);
+  posix_spawnattr_t attributes;
+  posix_spawnattr_init(&attributes);
+  sigset_t ignored;  // here, see catch_interrupts()
+  sigemptyset(&ignored);
+  sigaddset(&ignored, SIGPIPE);
+  posix_spawnattr_setsigdefault(&attributes, &ignored);
+  posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETSIGDEF);
+  const int error = posix_spawn(&child, "/bin/sh", &actions, &attributes, const_cast<char**>(arguments), environ);
+  posix_spawnattr_destroy(&attributes);
   posix_spawn_file_actions_destroy(&actions);
   if (error != 0) throw Error("--before " + command + ": cannot be started: " + std::strerror(error));
   int status = 0;
@@ -204,12 +212,15 @@ class Recorder {
   std::optional<DepthSensor> sensor_;
 };
 
-// Removes what a recording without a stack has written; files of others, and then the folder, remain.
-void remove_empty_recording(const fs::path& folder) {
-  std::error_code ignored;
+// Removes what a recording without a complete stack has written, also a first stack that dataset.yaml does not list; files of
+// others, and then the folder, remain. Returns true if there was such a stack.
+bool remove_empty_recording(const fs::path& folder) {
+  std::error_code ignored, failed;
   for (const char* file : {"rig.yaml", "patterns.yaml", kDatasetFile}) fs::remove(folder / file, ignored);
+  const bool had_stack = fs::remove_all(folder / "stacks" / stack_name(0), failed) > 0 && !failed;
   fs::remove(folder / "stacks", ignored);
   fs::remove(folder, ignored);  // fails unless empty
+  return had_stack;
 }
 
 int capture(const CaptureArguments& arguments, const Common& common) {
@@ -244,13 +255,14 @@ int capture(const CaptureArguments& arguments, const Common& common) {
   {
     Progress progress("capturing", arguments.count, common.quiet || common.json);
     try {
-      for (; stacks < arguments.count && !interrupted(); ++stacks) {
+      while (stacks < arguments.count && !interrupted()) {
         if (stacks > 0) wait_s(arguments.interval_s);
         const bool is_there = arguments.auto_exposure && stacks == 0;
         if (!interrupted() && !is_there) run_before(arguments.before, stacks);
         if (interrupted()) break;
         const auto start = std::chrono::steady_clock::now();
         const auto stack = recorder.capture();
+        ++stacks;  // what follows may fail, but the stack is recorded
         capturing_s += std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
         if (mapper)
           mapper->offer(*stack);
@@ -260,8 +272,8 @@ int capture(const CaptureArguments& arguments, const Common& common) {
       }
     } catch (const std::exception& e) {
       if (stacks == 0) {
-        remove_empty_recording(arguments.out);
-        throw;
+        if (!remove_empty_recording(arguments.out)) throw;
+        throw Error(std::string(e.what()) + "; the stack captured before is removed, because it is not complete");
       }
       try {
         recorder.finish();

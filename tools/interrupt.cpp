@@ -16,8 +16,13 @@ std::atomic<bool> caught = false;
 }  // namespace
 
 void catch_interrupts() {
-  std::signal(SIGINT, [](int) { caught = true; });
-  std::signal(SIGTERM, [](int) { caught = true; });
+  const auto note = [](int) { caught = true; };
+  std::signal(SIGINT, note);
+  std::signal(SIGTERM, note);
+  if (std::signal(SIGHUP, note) == SIG_IGN) std::signal(SIGHUP, SIG_IGN);  // as nohup wants it
+  // Ctrl-C also ends a program that reads the messages, such as tee; writing them must not end this one before its results
+  // are safe.
+  std::signal(SIGPIPE, SIG_IGN);
 }
 
 bool interrupted() { return caught; }

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Lets loops end at their next iteration on Ctrl-C and SIGTERM, so that their results so far are kept.
+// Lets loops end at their next iteration on Ctrl-C, on SIGTERM and when the terminal is closed, so that their results so far are
+// kept.
 #pragma once
 
 namespace fringeslam::tools {
@@ -7,7 +8,7 @@ namespace fringeslam::tools {
 // Exit code of a program that Ctrl-C ended.
 constexpr int kInterrupted = 130;
 
-// Installs the signal handlers.
+// Installs the signal handlers, and ignores SIGPIPE; started programs should not inherit the latter.
 void catch_interrupts();
 // True once a signal has arrived.
 bool interrupted();

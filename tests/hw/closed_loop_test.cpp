@@ -654,5 +654,17 @@ TEST_F(ClosedLoop, AFullDiskIsSaidAndLeavesNoHalf) {
   EXPECT_FALSE(fs::exists(at("full")));
 }
 
+// The images of a stack are of no use without dataset.yaml.
+TEST_F(ClosedLoop, AStackThatCannotBeListedIsRemoved) {
+  const std::string notes = at("listed").string() + "/dataset.yaml/notes";  // of the user
+  Child capture =
+      program({"capture", "--rig", at("rig.yaml"), "--out", at("listed"), "--before",
+               "mkdir " + test::quoted(fs::path(notes).parent_path()) + " && touch " + test::quoted(notes)});
+  EXPECT_EQ(capture.wait(), 2);
+  EXPECT_THAT(log_of("program"), HasSubstr("dataset.yaml: cannot be written: it is a folder; the stack captured before "
+                                           "is removed"));
+  EXPECT_EQ(test::listing(at("listed")), (std::set<std::string>{"dataset.yaml", "dataset.yaml/notes"}));
+}
+
 }  // namespace
 }  // namespace fringeslam

@@ -51,6 +51,20 @@ TEST(PixelFormats, EveryFormatHasTheBytesThatItsCodeSays) {
     EXPECT_EQ(image_bytes(format, {8, 4}), 32 * (format.code >> 16 & 0xff) / 8) << format.name;
 }
 
+// A camera that announces gigabytes must not make the program allocate them.
+TEST(PixelFormats, PayloadsFitTheImages) {
+  constexpr uint64_t kMore = 1 << 20;
+  const cv::Size size(64, 48);
+  for (const PixelFormat& format : pixel_formats()) {
+    const uint64_t image = image_bytes(format, size);
+    for (const uint64_t fine : {image, image + 16, image + kMore}) EXPECT_NO_THROW(check_payload(format, size, fine));
+    for (const uint64_t odd : {uint64_t{0}, image - 1, image + kMore + 1, uint64_t{0xffffffff}})
+      EXPECT_THAT(
+          error_of([&] { check_payload(format, size, odd); }),
+          testing::HasSubstr("announces " + std::to_string(odd) + " bytes for each image, but one of 64x48 px"));
+  }
+}
+
 TEST(PixelFormats, BadInput) {
   EXPECT_THAT(error_of([] { (void)pixel_format("Mono9"); }), testing::HasSubstr("did you mean 'Mono8'"));
   EXPECT_THAT(error_of([] {
