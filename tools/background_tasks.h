@@ -3,6 +3,7 @@
 #pragma once
 
 #include <algorithm>
+#include <condition_variable>
 #include <exception>
 #include <functional>
 #include <mutex>
@@ -29,7 +30,16 @@ class BackgroundTasks {
   // Runs `task` later; waits if too many are waiting. Throws what an earlier task threw.
   void add(std::function<void()> task) {
     rethrow();
+    {
+      const std::lock_guard lock(mutex_);
+      ++unfinished_;
+    }
     tasks_.push(std::move(task));
+  }
+  // Waits until the tasks that were added so far have ended.
+  void wait() {
+    std::unique_lock lock(mutex_);
+    ended_.wait(lock, [&] { return unfinished_ == 0; });
   }
   // Waits for all tasks. Throws what one of them threw.
   void finish() {
@@ -47,6 +57,8 @@ class BackgroundTasks {
         const std::lock_guard lock(mutex_);
         if (!failure_) failure_ = std::current_exception();
       }
+      const std::lock_guard lock(mutex_);
+      if (--unfinished_ == 0) ended_.notify_all();
     }
   }
   void join() {
@@ -61,6 +73,8 @@ class BackgroundTasks {
 
   BoundedQueue<std::function<void()>> tasks_;
   std::mutex mutex_;
+  std::condition_variable ended_;
+  int unfinished_ = 0;          // guarded by mutex_
   std::exception_ptr failure_;  // guarded by mutex_
   std::vector<std::thread> threads_;
 };

@@ -1,9 +1,12 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "tools/map_truth.h"
 
+#include <algorithm>
 #include <limits>
 
 #include "core/io/tum_file.h"
+#include "core/io/yaml.h"
+#include "core/rig/dataset.h"
 #include "core/score/trajectory_file.h"
 #include "sim/virtual_rig.h"
 #include "tools/bag/bag_dataset.h"
@@ -45,6 +48,15 @@ sim::Scene read_scene(const fs::path& path, std::optional<uint64_t> seed) {
   return scene_of_images(path);
 }
 
+// Number of stacks of a dataset or run, whose scene may have more views; empty for a scene.
+std::optional<int> stacks_of(const fs::path& folder) {
+  if (path_exists(folder / kSceneFile)) return std::nullopt;
+  if (path_exists(folder / kDatasetFile)) return read_dataset_info(folder).stacks;
+  const fs::path config = folder / "config.yaml";
+  if (path_exists(config)) return YamlMap::load(config).integer("stacks", {1, 1e6});
+  return std::nullopt;
+}
+
 // The true trajectory of the camera in a folder in the layout of TUM RGB-D or EuRoC.
 std::optional<fs::path> camera_truth_file(const fs::path& path) {
   for (const char* file : {kTumTruthFile, kEurocTruthFile}) {
@@ -62,9 +74,12 @@ MapTruth read_map_truth(const fs::path& path, std::optional<uint64_t> seed, cons
     trajectory = scene.trajectory = read_trajectory(*camera);
     const Pose camera_from_robot = scene.rig.robot_from_camera.inverse();
     for (TimedPose& pose : scene.trajectory) pose.world_from_robot = pose.world_from_robot * camera_from_robot;
-  } else if (const fs::path poses = path / "truth" / "truth.tum"; scene.path && path_exists(poses)) {
+  } else {
     // The views along a path follow the clock of the rig.
-    trajectory = scene.trajectory = read_tum(poses);
+    const fs::path poses = path / "truth" / "truth.tum";
+    if (scene.path && path_exists(poses)) trajectory = scene.trajectory = read_tum(poses);
+    if (const auto stacks = stacks_of(path))
+      scene.trajectory.resize(std::min(scene.trajectory.size(), static_cast<size_t>(*stacks)));
   }
   MapTruth truth{scene.name, sim::NearestSurface(scene), {}, std::move(trajectory)};
   const PixelRays rays = pixel_rays(scene.rig.camera);

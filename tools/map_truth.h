@@ -19,7 +19,8 @@ namespace fringeslam::tools {
 struct MapTruth {
   std::string name;
   sim::NearestSurface surface;
-  std::vector<Eigen::Vector3d> seen;  // surface points seen by the sensor, world frame, m
+  // Surface points seen by the sensor, world frame, m; of a dataset or run, in its stacks.
+  std::vector<Eigen::Vector3d> seen;
   // Poses of the robot; of the camera if the ground truth is a folder in TUM RGB-D or EuRoC layout.
   Trajectory trajectory;
 };

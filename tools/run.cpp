@@ -324,7 +324,7 @@ int run(const RunArguments& arguments, const Common& common) {
   camera.reset();
   if (mapped == 0 && interrupted()) throw Error("interrupted before the first view; nothing is written");
   phases.note("mapping");
-  const int stacks = interrupted() ? planned : mapped + dropped_stacks;
+  const int stacks = mapped + dropped_stacks;
   write_text(folder.path() / kConfigFile,
              "name: " + yaml_quoted(source->name()) + "\nseed: " + std::to_string(source->seed()) + "\nstacks: " +
                  std::to_string(stacks) + "\n" + pipeline_yaml(settings) + (arguments.mesh ? mesh_yaml(settings) : "") +

@@ -90,8 +90,9 @@ std::vector<std::string> summary(const RunScore& score) {
     depth("median", middle(score.frames, [](const FrameScore& f) { return f.depth.median_m; }),
           middle(score.frames, [](const FrameScore& f) { return f.depth.p99_m; }));
   }
+  if (!score.trajectory) return lines;
   lines.push_back("");
-  lines.push_back("ATE " + fixed(score.trajectory.ate_rmse_m * 1e3, 4) + " mm");
+  lines.push_back("ATE " + fixed(score.trajectory->ate_rmse_m * 1e3, 4) + " mm");
   return lines;
 }
 
@@ -259,13 +260,15 @@ void RunFolder::replace(const FrameResult& recovered) {
   (*entry)["recovered"] = true;
   std::erase(lost_, index);
   tracked_.insert(std::lower_bound(tracked_.begin(), tracked_.end(), index), index);
-  replacing_.push_back(image_writer(frame_folder(index), recovered, {}));
+  writing_.wait();  // for the images that these replace
+  writing_.add(image_writer(frame_folder(index), recovered, {}));
 }
 
 void RunFolder::add_mesh(const Mesh& mesh, int index) { writing_.add(mesh_writer(frame_folder(index), mesh)); }
 
 void RunFolder::replace_mesh(const Mesh& mesh, int index) {
-  replacing_.push_back(mesh_writer(frame_folder(index), mesh));
+  writing_.wait();
+  writing_.add(mesh_writer(frame_folder(index), mesh));
 }
 
 void RunFolder::add_image_poses(const ImageTrajectory& images, const Mapper& mapper) const {
@@ -305,8 +308,6 @@ void RunFolder::finish(const Trajectory& trajectory) {
   write_text(folder_ / "landmarks.json", json_text(landmarks_, 1) + "\n");
   landmarks_ = nullptr;  // hundreds of megabytes after a long run
   writing_.finish();
-  for (const std::function<void()>& task : replacing_) task();
-  replacing_.clear();
 }
 
 void RunFolder::write_cloud(const KeyframeMap& map, const CloudOptions& options, const TileProgress& progress) {

@@ -37,7 +37,7 @@ class RunFolder {
 
   // Writes mesh.ply of a view that was added before.
   void add_mesh(const Mesh& mesh, int index);
-  // Replaces it in finish().
+  // Replaces it.
   void replace_mesh(const Mesh& mesh, int index);
 
   // Writes trajectory.tum, frames.json and landmarks.json, and waits for the images.
@@ -61,9 +61,8 @@ class RunFolder {
   static constexpr int kWriters = 2;
   std::filesystem::path folder_;
   RigModel rig_;
-  BackgroundTasks writing_{kWriters};             // the images of the views
-  std::vector<std::function<void()>> replacing_;  // the same of recovered views, once the others are written
-  int finest_image_ = 0;                          // index of the image with the finest fringes, shown in the overview
+  BackgroundTasks writing_{kWriters};  // the images of the views
+  int finest_image_ = 0;               // index of the image with the finest fringes, shown in the overview
   Trajectory trajectory_;
   std::vector<int> tracked_, lost_;
   nlohmann::ordered_json frames_ = nlohmann::ordered_json::array(), landmarks_ = nlohmann::ordered_json::array();

@@ -245,7 +245,7 @@ nlohmann::ordered_json to_json(const RunScore& score) {
                               {"wrong_order", frame.depth.wrong_order},
                               {"spurious", frame.depth.spurious}});
   }
-  json["trajectory"] = to_json(score.trajectory);
+  if (score.trajectory) json["trajectory"] = to_json(*score.trajectory);
   if (score.images) json["images"] = to_json(*score.images);
   if (score.victims)
     json["victims"] = {{"to_find", score.victims->to_find}, {"found", score.victims->found},
@@ -302,8 +302,8 @@ std::string to_table(const RunScore& score) {
   if (score.victims)
     text += format("\nvictims: %d of %d found; %d of %d candidates correct\n", score.victims->found,
                    score.victims->to_find, score.victims->right, score.victims->candidates);
-  if (score.pairs.empty()) return text + "\nno motion was estimated\n";
-  text += "\n" + to_table(score.trajectory);
+  if (!score.trajectory) return text + "\nno motion was estimated\n";
+  text += "\n" + to_table(*score.trajectory);
   if (score.images)
     text += format("poses of %d single images: ATE %.4f mm, RPE %.4f mm, %.5f deg\n", score.images->poses,
                    score.images->ate_rmse_m * 1e3, score.images->rpe_translation_rmse_m * 1e3,

@@ -31,9 +31,9 @@ struct RunScore {
   int stacks = 0, tracked = 0;
   std::vector<FrameScore> frames;
   std::vector<PairScore> pairs;
-  TrajectoryScore trajectory;
-  std::optional<TrajectoryScore> images;  // only for runs with poses of single images
-  std::optional<VictimScore> victims;     // only for rigs with a thermal camera
+  std::optional<TrajectoryScore> trajectory;  // only for runs with two poses or more
+  std::optional<TrajectoryScore> images;      // only for runs with poses of single images
+  std::optional<VictimScore> victims;         // only for rigs with a thermal camera
 };
 
 // Receives the views from several threads at a time; empty functions are not called.

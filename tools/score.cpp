@@ -37,7 +37,7 @@ void score_run_folder(const ScoreArguments& arguments, bool with_statistics, con
     throw Error("score: a run folder is scored against its own ground truth; leave out --truth");
   const RunScore score = score_run(folder, arguments.options);
   print(common, tools::to_json(score),
-        to_table(score) + (with_statistics ? statistics_table(score.trajectory) : std::string()));
+        to_table(score) + (with_statistics && score.trajectory ? statistics_table(*score.trajectory) : std::string()));
 }
 
 // Names both files in errors that neither of them has by itself, such as times that do not match.

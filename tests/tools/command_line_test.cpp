@@ -106,7 +106,11 @@ TEST_F(CommandLine, ARunOfARenderedDatasetIsARunOfItsScene) {
 TEST_F(CommandLine, ARunOfTheFirstViewsIsTheBeginningOfTheWhole) {
   run_scene("whole");
   run_scene("first", {"--views", "1"});
-  EXPECT_EQ(json::parse(test::read_bytes(temp_ / "first/score.json")).at("frames").size(), 1u);
+  const json score = json::parse(test::read_bytes(temp_ / "first/score.json"));
+  EXPECT_EQ(score.at("frames").size(), 1u);
+  // One pose has no trajectory error, which would be the best of all.
+  EXPECT_FALSE(score.contains("trajectory"));
+  EXPECT_THAT(run_successfully({"score", at("first"), "--align", "se3"}).out, HasSubstr("no motion was estimated"));
   EXPECT_EQ(test::read_bytes(temp_ / "first/frames/000000/depth.exr"),
             test::read_bytes(temp_ / "whole/frames/000000/depth.exr"));
   EXPECT_FALSE(test::fs::exists(temp_ / "first/frames/000001"));
@@ -173,6 +177,23 @@ TEST_F(CommandLine, AnInterruptedRunKeepsItsViews) {
     EXPECT_FALSE(test::fs::exists(temp_ / "run" / file)) << file;
   EXPECT_THAT(test::read_bytes(temp_ / "err"),
               HasSubstr("interrupted: " + std::to_string(frames.size()) + " of 121 views are kept, without map.ply, "));
+  // Views that were not taken are not lost.
+  EXPECT_EQ(json::parse(run_successfully({"score", out, "--json"}).out).at("stacks"), frames.size());
+}
+
+// Ctrl-C ends the program that reads the messages as well, and a terminal that is closed sends SIGHUP.
+TEST_F(CommandLine, AnInterruptedRunKeepsItsViewsIfNothingReadsItsMessages) {
+  const std::string scene = std::string(FRINGESLAM_SOURCE_DIR) + "/scenes/loop",
+                    folder = test::quoted(temp_.path().string());
+  const std::string command =
+      "cd " + folder + " && mkfifo messages && { cat messages > read & } && reader=$! && { " +
+      test::quoted(FRINGESLAM_PROGRAM) + " run " + test::quoted(scene) +
+      " --out run --set render.samples_per_pixel=1 > messages 2>&1 & } && pid=$! && "
+      "until ls run.partial-*/run/frames/000001/depth.exr > /dev/null 2>&1; do sleep 0.05; done; "
+      "kill $reader; kill -HUP $pid; wait $pid; exit $?";
+  const int code = WEXITSTATUS(std::system(command.c_str()));
+  EXPECT_TRUE(code == 130 || code == 2) << code;  // 2: its last line cannot be written
+  EXPECT_GE(json::parse(test::read_bytes(temp_ / "run/frames.json")).size(), 2u);
 }
 
 // Kills `run` at several moments while it maps; the next commands find its map and restore it.

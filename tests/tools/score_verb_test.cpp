@@ -144,6 +144,26 @@ TEST_F(Score, TheTrueSurfaceIsAPerfectMapWhateverTellsTheTruth) {
   EXPECT_LT(own.at("accuracy_mm").at("median"), 0.2);
 }
 
+TEST_F(Score, SurfaceOfViewsThatWereNotTakenNeedNotBeFound) {
+  make_world();
+  const std::string fast = "render.samples_per_pixel=1";
+  run_successfully({"render", at("scene"), "--out", at("data"), "--quiet", "--set", fast});
+  run_successfully(
+      {"run", at("scene"), "--out", at("of_scene"), "--views", "1", "--no-report", "--quiet", "--set", fast});
+  run_successfully({"run", at("data"), "--out", at("of_data"), "--views", "1", "--no-report", "--quiet"});
+  const auto seen_points = [&](const std::string& truth) {
+    return score({at("world.ply"), "--truth", at(truth)}).at("completeness_mm").at("points").get<size_t>();
+  };
+  const size_t of_all = seen_points("data"), of_one = seen_points("of_scene");
+  EXPECT_GT(of_one, 100u);
+  EXPECT_LT(of_one, of_all / 2);
+  EXPECT_EQ(seen_points("of_data"), of_one);
+  std::string info = test::read_bytes(temp_ / "data/dataset.yaml");
+  info.replace(info.find("stacks: 4"), 9, "stacks: 1");
+  file("data/dataset.yaml", info);
+  EXPECT_EQ(seen_points("data"), of_one);
+}
+
 TEST_F(Score, DistancesOfAPointAreThoseToTheFloor) {
   make_world();
   // Far from the boxes the floor is the nearest surface; the three points are 0, 1 and 4 mm above it.
