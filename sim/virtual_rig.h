@@ -79,7 +79,7 @@ class VirtualRig : public Rig {
                                TruthFrame* truth);
   TruthFrame truth_at(const TimedPose& pose, int index) const;
   void note_thermal(TruthFrame& truth) const;
-  bool moving() const { return options_.effects.motion && (scene_.path || !scene_.motion.still()); }
+  bool moving() const { return options_.effects.motion && scene_.moves_while_capturing(); }
 
   const Scene& scene_;
   RigModel calibration_;

@@ -14,20 +14,22 @@ namespace fs = std::filesystem;
 
 DepthSensor::DepthSensor(const RigModel& model, const PatternSequence& sequence, const Settings& settings,
                          const std::string& name)
-    : settings_(settings),
-      model_(model),
-      triangulation_(model_, pixel_rays(model_.camera), settings.pipeline.depth.near_m, settings.pipeline.depth.far_m) {
-  if (!model_.calibrated)
+    : unknown_motion_(unknown_motion(settings.pipeline.motion_prior)),
+      front_end_(model, sequence, settings.pipeline.front_end()) {
+  if (!model.calibrated)
     throw Error(name + ": its rig is not calibrated, so there is no depth; run fringeslam calibrate rig");
-  resolve_unwrapping(sequence, model_, settings_.pipeline.decode);
+  resolve_unwrapping(sequence, model, settings.pipeline.decode);
 }
 
 RgbdView DepthSensor::see(FringeStack stack) const {
-  Frame frame =
-      reconstruct(decode(stack, model_, settings_.pipeline.decode), model_, triangulation_, settings_.pipeline.depth);
+  ReconstructedView view = front_end_.reconstruct(stack, {});
+  if (view.motion_unknown()) {
+    ReconstructedView compensated = front_end_.reconstruct(stack, {nullptr, unknown_motion_, false, &view});
+    if (!compensated.motion_unknown()) view = std::move(compensated);
+  }
   cv::Mat1f depth_m;
-  cv::extractChannel(frame.points_m, depth_m, 2);
-  return {std::move(stack), std::move(frame), std::move(depth_m)};
+  cv::extractChannel(view.frame.points_m, depth_m, 2);
+  return {std::move(stack), std::move(view.frame), std::move(depth_m)};
 }
 
 void prepare(Source& source, const RgbdOptions& options, const std::string& out) {
@@ -39,7 +41,9 @@ Trajectory for_each_view(Source& source, const Settings& settings, const RgbdOpt
                          const std::string& out, const Common& common,
                          const std::function<void(const RgbdView&)>& take) {
   const bool true_depth = options.depth == "truth";
-  const DepthSensor sensor(source.model(), source.sequence(), settings, source.name());
+  Settings of_sensor = settings;
+  if (!source.may_move() || !source.has_image_times()) of_sensor.pipeline.tracking.at_rest = true;
+  const DepthSensor sensor(source.model(), source.sequence(), of_sensor, source.name());
   const auto rig = source.open(scratch);
   const fs::path truth = scratch / "truth";
   int views = 0;

@@ -4,7 +4,7 @@
 
 #include <functional>
 
-#include "core/depth/depth.h"
+#include "core/mapper/front_end.h"
 #include "tools/settings.h"
 #include "tools/source.h"
 #include "tools/verbs.h"
@@ -23,7 +23,8 @@ struct RgbdView {
   cv::Mat1f depth_m;  // as measured or true, see RgbdOptions
 };
 
-// Reconstructs single views, without a map.
+// Reconstructs single views, without a map. Unless `tracking.at_rest` is set, views that show a motion are compensated for
+// it, if their images determine it.
 class DepthSensor {
  public:
   // Throws Error if the rig is not calibrated or if the patterns cannot be decoded.
@@ -32,9 +33,8 @@ class DepthSensor {
   RgbdView see(FringeStack stack) const;
 
  private:
-  Settings settings_;
-  RigModel model_;
-  Triangulation triangulation_;
+  MotionPrior unknown_motion_;
+  FringeFrontEnd front_end_;
 };
 
 // Applies `options` to a source. Throws Error, which `out` begins, if it cannot provide what they ask for.

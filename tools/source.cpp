@@ -78,6 +78,7 @@ class SceneSource : public Source {
     return std::max(1, static_cast<int>(scene_.path->duration_s() * rate_hz));
   }
   bool has_truth() const override { return true; }
+  bool may_move() const override { return scene_.moves_while_capturing(); }
   fs::path truth(const fs::path& opened) const override { return opened / "truth"; }
   const PatternSequence& sequence() const override { return scene_.patterns; }
   const RigModel& model() const override { return model_; }

@@ -38,6 +38,8 @@ class Source {
   virtual bool imported() const { return false; }
   // True if motion during the stacks can be estimated.
   virtual bool has_image_times() const { return true; }
+  // False if the robot is known to stand during each stack.
+  virtual bool may_move() const { return true; }
   virtual const PatternSequence& sequence() const = 0;
   virtual const RigModel& model() const = 0;
   // Replaces lenses and relative pose by those of a calibration. Throws Error for scenes, whose rig is part of them.

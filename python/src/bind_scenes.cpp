@@ -110,9 +110,8 @@ void bind_scene(py::module_& m) {
       .def_readonly("rig", &Scene::rig, "The rig that renders; VirtualRig.model is the calibration to decode with.")
       .def_readonly("patterns", &Scene::patterns)
       .def_readonly("trajectory", &Scene::trajectory, "True poses of the robot.")
-      .def_property_readonly(
-          "moves_continuously", [](const Scene& scene) { return scene.path.has_value(); },
-          "True if the robot moves while the rig captures.")
+      .def_property_readonly("moves_continuously", &Scene::moves_while_capturing,
+                             "True if the robot moves while the rig captures.")
       .def("pose_at", &pose_at, py::arg("time_s"),
            "Returns the true pose of the robot, 4 x 4, at any time of a continuous path; otherwise at the time of a "
            "view. Raises Error if there is none.")

@@ -146,21 +146,24 @@ std::vector<Pose> travelled(const std::vector<Pose>& route, const Travel& travel
   double speed = travel.from_rest || stops ? 0 : measures.speed_m_s.front(), at_m = 0;
   std::vector<Pose> poses;
   size_t segment = 1;
-  for (long tick = 0; at_m < length_m.back(); ++tick) {
-    while (segment + 1 < route.size() && length_m[segment] < at_m) ++segment;
+  const double end_m = length_m.back();
+  for (long tick = 0;; ++tick) {
+    while (length_m[segment] < std::min(at_m, end_m)) ++segment;
     const double size = length_m[segment] - length_m[segment - 1];
     const double part = size > 0 ? (at_m - length_m[segment - 1]) / size : 0;
-    if (tick % kSubSteps == 0) poses.push_back(interpolate(route[segment - 1], route[segment], part));
+    // The last pose lies beyond the end of the route, where the robot goes straight on.
+    if (tick % kSubSteps == 0) {
+      poses.push_back(interpolate(route[segment - 1], route[segment], part));
+      if (at_m >= end_m) return poses;
+    }
     if (tick > kSubSteps * kMostPoses) throw too_long(step_s);
     // Standing comes first: the robot waits, moves, and waits again.
     const double cycle_s = std::fmod(static_cast<double>(tick) * dt, travel.stop_s + travel.move_s);
-    const double limit = std::lerp(measures.speed_m_s[segment - 1], measures.speed_m_s[segment], part);
+    const double limit = std::lerp(measures.speed_m_s[segment - 1], measures.speed_m_s[segment], std::min(part, 1.0));
     const double wanted = stops && cycle_s < travel.stop_s ? 0 : limit;
     speed += std::clamp(wanted - speed, -travel.acceleration_m_s2 * dt, travel.acceleration_m_s2 * dt);
     at_m += speed * dt;
   }
-  poses.push_back(route.back());
-  return poses;
 }
 
 std::vector<Pose> resampled(const Trajectory& timed, double step_s) {
@@ -179,7 +182,14 @@ std::vector<Pose> resampled(const Trajectory& timed, double step_s) {
   long segment = 0;
   const auto count = static_cast<long>(std::ceil((end_s - start_s) / step_s - 1e-9));
   for (long i = 0; i <= count; ++i) {
-    const double time_s = std::min(end_s, start_s + static_cast<double>(i) * step_s);
+    const double time_s = start_s + static_cast<double>(i) * step_s;
+    if (time_s > end_s) {
+      // Beyond the last timed pose, the robot goes on at the velocity that it has there.
+      const TimedPose &inner = timed[timed.size() - 2], &last = timed.back();
+      const double part = (time_s - inner.timestamp_s) / (end_s - inner.timestamp_s);
+      poses.push_back(interpolate(inner.world_from_robot, last.world_from_robot, part));
+      continue;
+    }
     while (segment + 2 < static_cast<long>(timed.size()) && at(segment + 1).timestamp_s < time_s) ++segment;
     Pose p[4];
     double knot[4];

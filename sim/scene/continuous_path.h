@@ -52,10 +52,12 @@ class ContinuousPath {
 };
 
 // Poses at equal time steps of `step_s` along a densely sampled smooth route that is travelled with the given speed
-// profile, at full speed from the start unless `travel` says otherwise. Throws Error if all poses are the same.
+// profile, at full speed from the start unless `travel` says otherwise. The last pose lies up to a step beyond the end of
+// the route, which the robot passes at its speed. Throws Error if all poses are the same.
 std::vector<Pose> travelled(const std::vector<Pose>& route, const Travel& travel, double step_s);
 
-// Poses at equal time steps along timed poses, interpolated by Catmull-Rom splines in time.
+// Poses at equal time steps along timed poses, interpolated by Catmull-Rom splines in time; the last one lies less than a
+// step beyond the end, at the velocity there.
 std::vector<Pose> resampled(const Trajectory& timed, double step_s);
 
 }  // namespace fringeslam::sim

@@ -94,6 +94,9 @@ struct Scene {
   std::string resolved = {};            // scene file with includes merged and distributions replaced by drawn values
   std::vector<std::string> notes = {};  // messages for the user, e.g. summaries of imported meshes
   bool commanded = false;               // true if the poses are known to the motion controller (written to stage.tum)
+
+  // True if the images of a stack have different poses.
+  bool moves_while_capturing() const { return path || !motion.still(); }
 };
 
 // Limits on scene size, which keep a scene file from exhausting memory or time.

@@ -120,6 +120,20 @@ def test_moving_views_are_compensated(root):
     assert fs.score_depth(moving, view.truth).median_m < 0.7 * still.median_m
 
 
+def test_views_with_a_motion_of_their_own_are_compensated(root):
+    changes = {"trajectory.while_capturing.velocity_mm_s": [0, 0, 100]}
+    scene = fs.load_scene(root / "scenes/boxes_and_foam", changes=changes)
+    assert scene.moves_continuously
+    assert not fs.load_scene(root / "scenes/boxes_and_foam").moves_continuously
+    frames = []
+    fs.track(lambda frame: frames.append(frame), scene, views=1)
+    view = next(fs.VirtualRig(scene))
+    compensated = fs.score_depth(frames[0], view.truth)
+    still = fs.score_depth(fs.reconstruct(fs.decode(view.stack, scene.rig), scene.rig), view.truth)
+    assert compensated.median_m < 0.7 * still.median_m
+    assert compensated.valid_fraction > still.valid_fraction + 0.3
+
+
 def test_odometry_of_a_moving_robot(root):
     scene = fs.load_scene(root / "scenes/loop", changes={"trajectory.continuous.speed_m_s": 0.3})
     last = []

@@ -65,14 +65,37 @@ TEST(Travelled, KeepsSpeedAndAcceleration) {
   const double step_s = 0.02;
   const std::vector<Pose> poses = travelled(straight(100, 0.02), travel, step_s);
   double last = 0;
-  for (size_t i = 1; i + 1 < poses.size(); ++i) {
+  for (size_t i = 1; i < poses.size(); ++i) {
     const double speed = (poses[i].translation - poses[i - 1].translation).norm() / step_s;
     EXPECT_LE(speed, travel.speed_m_s + 1e-9);
     EXPECT_LE(std::abs(speed - last), travel.acceleration_m_s2 * step_s + 1e-9);
     last = speed;
   }
   EXPECT_NEAR(last, travel.speed_m_s, 1e-9);
-  EXPECT_LT((poses.back().translation - Eigen::Vector3d(1.98, 0, 0)).norm(), 1e-9);
+  EXPECT_GE(poses.back().translation.x(), 1.98);
+  EXPECT_LT(poses[poses.size() - 2].translation.x(), 1.98);
+}
+
+// Also where the route ends within an interval of the spline.
+TEST(Travelled, KeepsItsSpeedToTheEndOfThePath) {
+  const Travel travel;
+  constexpr double kKnot_s = 0.05, kH_s = 1e-3;
+  for (const double step_m : {0.02, 0.0203, 0.0207}) {
+    const ContinuousPath path(travelled(straight(50, step_m), travel, kKnot_s), kKnot_s, {}, 0);
+    for (double time_s = path.duration_s() - 0.3; time_s < path.duration_s(); time_s += 0.005) {
+      const Eigen::Vector3d before = path.at(time_s - kH_s).translation, at = path.at(time_s).translation,
+                            after = path.at(time_s + kH_s).translation;
+      EXPECT_NEAR((after - at).norm() / kH_s, travel.speed_m_s, 1e-9) << time_s;
+      EXPECT_LE((after - 2 * at + before).norm() / (kH_s * kH_s), travel.acceleration_m_s2) << time_s;
+    }
+  }
+}
+
+// A route shorter than a step.
+TEST(Travelled, HasAtLeastTwoPoses) {
+  const std::vector<Pose> poses = travelled(straight(2, 1e-4), {}, 0.05);
+  ASSERT_EQ(poses.size(), 2u);
+  EXPECT_NEAR(poses[1].translation.x(), 0.05 * Travel().speed_m_s, 1e-9);
 }
 
 // A circle of radius r is travelled at v^2 / r = a.
@@ -88,7 +111,7 @@ TEST(Travelled, SlowsDownInCircles) {
     route.push_back({Eigen::Matrix3d::Identity(), radius_m * Eigen::Vector3d(std::cos(angle), std::sin(angle), 0)});
   }
   const std::vector<Pose> poses = travelled(route, travel, step_s);
-  for (size_t i = 1; i + 1 < poses.size(); ++i)
+  for (size_t i = 1; i < poses.size(); ++i)
     EXPECT_NEAR((poses[i].translation - poses[i - 1].translation).norm() / step_s, 0.4, 1e-4);
 }
 
@@ -106,7 +129,7 @@ TEST(Travelled, BoundsTotalAccelerationsOnWindingRoutes) {
   }
   const std::vector<Pose> poses = travelled(route, travel, step_s);
   double fastest = 0, most_m_s2 = 0, most_rad_s2 = 0;
-  for (size_t i = 1; i + 2 < poses.size(); ++i) {
+  for (size_t i = 1; i + 1 < poses.size(); ++i) {
     const Pose &a = poses[i - 1], &b = poses[i], &c = poses[i + 1];
     fastest = std::max(fastest, (c.translation - b.translation).norm() / step_s);
     most_m_s2 = std::max(most_m_s2, (a.translation - 2 * b.translation + c.translation).norm() / (step_s * step_s));
@@ -163,6 +186,20 @@ TEST(Resampled, PassesThroughTheTimedPoses) {
   for (int i = 0; i < 6; ++i)
     EXPECT_LT(difference(poses[static_cast<size_t>(i * i)], timed[static_cast<size_t>(i)].world_from_robot).norm(),
               1e-9);
+}
+
+TEST(Resampled, KeepsItsVelocityBeyondTheLastTimedPose) {
+  const Eigen::Vector3d turn(0.02, -0.01, 0.03), step(0.01, 0.02, -0.005);
+  for (const int count : {2, 7}) {
+    Trajectory timed;
+    for (int i = 0; i < count; ++i) timed.push_back({10 + 0.03 * i, {rotation_exp(i * turn), i * step}});
+    const std::vector<Pose> poses = resampled(timed, 0.05);
+    ASSERT_EQ(poses.size(), count == 2 ? 2u : 5u);
+    for (size_t i = 0; i < poses.size(); ++i) {
+      const double steps = static_cast<double>(i) * 0.05 / 0.03;
+      EXPECT_LT(difference(poses[i], {rotation_exp(steps * turn), steps * step}).norm(), 1e-9) << i;
+    }
+  }
 }
 
 }  // namespace

@@ -11,8 +11,12 @@
 
 #include "core/decode/decode.h"
 #include "core/depth/depth.h"
+#include "core/rig/dataset.h"
 #include "core/rig/rig_file.h"
+#include "core/score/truth_files.h"
 #include "tests/sim/test_scenes.h"
+#include "tests/support/same_pixels.h"
+#include "tests/support/temp_folder.h"
 
 namespace fringeslam::sim {
 namespace {
@@ -103,6 +107,23 @@ TEST(VirtualRig, TruthIsThatOfThePlane) {
       }
     }
   }
+}
+
+TEST(VirtualRig, TruthIsReadAsItWasWritten) {
+  const test::TempFolder folder;
+  Scene scene = board_scene();
+  scene.objects[0].material.temperature_c = 30;
+  const TruthFrame truth = VirtualRig(scene, {}).truth_of(1);
+  write_truth(truth, folder.path());
+  const TruthFrame read = read_truth_frame(folder / (stack_name(1) + ".exr"));
+  EXPECT_TRUE(test::same_pixels(read.depth_m, truth.depth_m));
+  EXPECT_TRUE(test::same_pixels(read.position_m, truth.position_m));
+  EXPECT_TRUE(test::same_pixels(read.normals, truth.normals));
+  EXPECT_TRUE(test::same_pixels(read.object_id, truth.object_id));
+  EXPECT_TRUE(test::same_pixels(read.projector_column, truth.projector_column));
+  EXPECT_TRUE(test::same_pixels(read.projector_row, truth.projector_row));
+  EXPECT_TRUE(test::same_pixels(read.temperature_c, truth.temperature_c));
+  EXPECT_TRUE(test::same_pixels(read.mask, truth.mask));
 }
 
 TEST(VirtualRig, HandsOutOneStackAPoseAndThenNothing) {

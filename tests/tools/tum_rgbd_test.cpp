@@ -76,6 +76,31 @@ TEST_F(TumRgbd, DepthIsTheTruthOrWhatTheSensorMeasuresToHalfAUnit) {
   }
 }
 
+TEST_F(TumRgbd, DepthIsCompensatedForTheMotionDuringAView) {
+  const auto render_moving = [&](const std::string& out, std::vector<std::string> more) {
+    more.insert(more.end(), {"--format", "tum-rgbd", "--depth-scale", "20000", "--with",
+                             "trajectory.while_capturing.velocity_mm_s=[0, 0, 100]"});
+    render(out, more);
+  };
+  render_moving("true", {"--depth", "truth"});
+  render_moving("measured", {});
+  render_moving("as_if_at_rest", {"--set", "tracking.at_rest=true"});
+  // Deviations from the true depth, in units of 0.05 mm.
+  const auto errors_of = [&](const std::string& folder) {
+    const std::string time = "0000000000.500000";
+    const cv::Mat1w exact = depth("true", time), found = depth(folder, time);
+    std::vector<double> errors;
+    for (int i = 0; i < static_cast<int>(exact.total()); ++i) {
+      if (exact(i) > 0 && found(i) > 0) errors.push_back(std::abs(found(i) - exact(i)));
+    }
+    return errors;
+  };
+  const std::vector<double> compensated = errors_of("measured"), at_rest = errors_of("as_if_at_rest");
+  EXPECT_GT(compensated.size(), 20000u);
+  EXPECT_GT(compensated.size(), 3 * at_rest.size());
+  EXPECT_LT(median_of(compensated), 3);
+}
+
 // Returns the words of the lines that are not comments; expects `comments` comment lines.
 std::vector<std::vector<std::string>> table(const test::fs::path& file, int comments) {
   std::istringstream lines(test::read_bytes(file));
