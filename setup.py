@@ -14,7 +14,7 @@ setup(
     description="3D visual SLAM with a structured-light sensor, scored against exact ground truth",
     license="Apache-2.0",
     python_requires=">=3.9",
-    install_requires=["numpy"],
+    install_requires=["numpy<2"],  # Debian's pybind11 2.10 knows the layout of NumPy 1 alone
     packages=["fringeslam"],
     package_dir={"fringeslam": "python/fringeslam"},
     cmake_args=[

@@ -76,6 +76,8 @@ void triangulate(Frame& frame, const DecodedStack& decoded, const Triangulation&
     throw Error("depth: the images are " + std::to_string(size.width) + "x" + std::to_string(size.height) +
                 " but the rig's camera has " + std::to_string(triangulation.size().width) + "x" +
                 std::to_string(triangulation.size().height));
+  if (decoded.sigma_px.size() != size || decoded.mean.size() != size)
+    throw Error("depth: needs coordinate_px, sigma_px and mean (the texture) of the same size");
   frame.index = decoded.index;
   frame.timestamp_s = decoded.timestamp_s;
   frame.points_m.create(size);

@@ -114,7 +114,8 @@ FRINGESLAM_INLINE void receive_body(EmitterRow here, EmitterRow there, float pix
 }  // namespace
 
 cv::Mat1f indirect_sigma_px(const Frame& frame, const DecodedStack& decoded, const RigModel& rig, double albedo) {
-  if (frame.normals.size() != frame.points_m.size() || decoded.coordinate_px.size() != frame.points_m.size())
+  if (frame.normals.size() != frame.points_m.size() || decoded.coordinate_px.size() != frame.points_m.size() ||
+      decoded.modulation.size() != frame.points_m.size())
     throw Error("indirect light: the frame and the decoded images differ in size");
   constexpr double kPeriods = 2.5;    // light from farther away averages out
   constexpr int kSamplesAcross = 32;  // from a pixel to the end of its surroundings

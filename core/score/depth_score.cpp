@@ -67,7 +67,9 @@ double finest_period_px(const PatternSequence& sequence) {
 }
 
 DepthScore score_depth(const DepthEstimate& estimate, const TruthFrame& truth, double finest_period_px) {
-  if (estimate.depth_m.size() != truth.depth_m.size()) throw Error("score: depth and ground truth differ in size");
+  const cv::Size size = truth.depth_m.size();
+  if (estimate.depth_m.size() != size || estimate.projector_column.size() != size)
+    throw Error("score: depth, coordinates and ground truth differ in size");
   DepthScore score;
   std::vector<double> errors;
   double squares = 0;

@@ -4,8 +4,10 @@
 #include <algorithm>
 #include <numbers>
 #include <numeric>
+#include <string>
 
 #include "core/score/score.h"
+#include "core/types/error.h"
 
 namespace fringeslam {
 
@@ -31,10 +33,21 @@ double share_within(const std::vector<double>& distances_m, double threshold_m) 
   return static_cast<double>(near) / static_cast<double>(std::max<size_t>(1, distances_m.size()));
 }
 
+void check_size(const char* name, const cv::Mat& image, const PixelRays& rays) {
+  if (image.size() == rays.size()) return;
+  throw Error(std::string("visible surface: the ground truth's ") + name + " has " + std::to_string(image.cols) + "x" +
+              std::to_string(image.rows) + " px but the rig's camera " + std::to_string(rays.cols) + "x" +
+              std::to_string(rays.rows));
+}
+
 }  // namespace
 
 void append_visible_surface(const TruthFrame& truth, const RigModel& rig, const PixelRays& rays,
                             std::vector<Eigen::Vector3d>& seen) {
+  check_size("mask", truth.mask, rays);
+  check_size("depth", truth.depth_m, rays);
+  check_size("normals", truth.normals, rays);
+  check_size("position", truth.position_m, rays);
   const Eigen::Vector3d light = rig.projector_from_camera.inverse().translation;
   const double least_cosine = std::cos(kSteepest_deg * std::numbers::pi / 180);
   for (int row = kEvery / 2; row < truth.mask.rows; row += kEvery) {

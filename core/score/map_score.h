@@ -17,7 +17,7 @@ namespace fringeslam {
 // Appends the surface points that the sensor can see in one view, world frame, m. Samples every fourth pixel of every
 // fourth row and keeps those whose only mask bits are kTruthSurface and kTruthInBeam (lit, unmixed), whose depth is
 // within the working range, and which the camera's and the projector's rays meet at less than 80 degrees to the normal.
-// `rays` are those of rig.camera.
+// `rays` are those of rig.camera. Throws Error if the images do not have their size.
 void append_visible_surface(const TruthFrame& truth, const RigModel& rig, const PixelRays& rays,
                             std::vector<Eigen::Vector3d>& seen);
 

@@ -29,20 +29,33 @@ cv::Mat1f channel(const Channels& channels, const std::string& name, const std::
   return found->second;
 }
 
+cv::Mat1f optional_channel(const Channels& channels, const std::string& name) {
+  const auto found = channels.find(name);
+  return found == channels.end() ? cv::Mat1f() : found->second;
+}
+
+cv::Mat3f vectors(const Channels& channels, const std::string& name, const std::filesystem::path& file) {
+  cv::Mat3f image;
+  cv::merge(std::vector<cv::Mat>{channel(channels, name + ".x", file), channel(channels, name + ".y", file),
+                                 channel(channels, name + ".z", file)},
+            image);
+  return image;
+}
+
 }  // namespace
 
 TruthFrame read_truth_frame(const std::filesystem::path& file, const Pinhole* camera) {
   const Channels channels = read_channels(file, size_of(camera));
   TruthFrame truth;
   truth.depth_m = channel(channels, "depth_m", file);
-  cv::merge(std::vector<cv::Mat>{channel(channels, "normal.x", file), channel(channels, "normal.y", file),
-                                 channel(channels, "normal.z", file)},
-            truth.normals);
+  if (channels.contains("position.x")) truth.position_m = vectors(channels, "position", file);
+  truth.normals = vectors(channels, "normal", file);
   truth.object_id = channel(channels, "object_id", file);
   truth.projector_column = channel(channels, "projector_column", file);
+  truth.projector_row = optional_channel(channels, "projector_row");
+  truth.temperature_c = optional_channel(channels, "temperature_c");
   truth.mask = channel(channels, "mask", file);
-  const auto indirect = channels.find("indirect_share");
-  if (indirect != channels.end()) truth.indirect_share = indirect->second;
+  truth.indirect_share = optional_channel(channels, "indirect_share");
   return truth;
 }
 

@@ -8,8 +8,9 @@
 
 namespace fringeslam {
 
-// Reads truth/NNNNNN.exr; leaves the result's pose and time empty. Throws Error on a missing file or channel, or if the
-// image does not have the size of the camera, if one is given.
+// Reads truth/NNNNNN.exr; leaves the result's pose, times and fringe orders empty, as well as position, projector row,
+// temperature and indirect share if the file lacks them. Throws Error on a missing file or another missing channel, or
+// if the image does not have the size of the camera, if one is given.
 TruthFrame read_truth_frame(const std::filesystem::path& file, const Pinhole* camera = nullptr);
 
 // Reads frames/NNNNNN/depth.exr of a run: channels depth_m, sigma_m, projector_column. Throws Error likewise.

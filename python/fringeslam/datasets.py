@@ -20,7 +20,9 @@ _PARTS = ("images", "thermal", "depth", "normals", "coordinate", "phase", "order
 
 def _order(values: np.ndarray) -> np.ndarray:
     none = np.isnan(values) if values.dtype == np.float32 else values == 65535
-    return np.where(none, -1, values).astype(np.int32)
+    orders = np.where(none, 0, values).astype(np.int32)
+    orders[none] = -1
+    return orders
 
 
 class SampleDataset:

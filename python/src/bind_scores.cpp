@@ -57,7 +57,7 @@ void bind_depth_score(py::module_& m) {
       "score_depth",
       [](const Frame& frame, const TruthFrame& truth, const std::optional<DecodedStack>& decoded) {
         const py::gil_scoped_release release;
-        DepthEstimate estimate{depth_of(frame), frame.sigma_m, cv::Mat1f(frame.sigma_m.size(), NAN)};
+        DepthEstimate estimate{depth_of(frame), frame.sigma_m, cv::Mat1f(frame.points_m.size(), NAN)};
         if (decoded && !decoded->coordinate_px.empty()) estimate.projector_column = decoded->coordinate_px;
         DepthScore score = score_depth(estimate, truth, decoded ? decoded->finest_period_px : 0);
         if (!decoded) score.wrong_order = NAN;

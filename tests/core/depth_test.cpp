@@ -263,5 +263,18 @@ TEST(Depth, ImagesOfAnotherCameraAreAnError) {
               testing::HasSubstr("images are 133x125 but the rig's camera has 100x125"));
 }
 
+TEST(Depth, DecodedImagesThatAreMissingOrOfAnotherSizeAreAnError) {
+  const RigModel rig = small_rig(false);
+  const DecodedStack whole = seen_columns(plane({0, 0, 1}, 1), rig, {}, 0.02);
+  for (cv::Mat1f DecodedStack::*image : {&DecodedStack::sigma_px, &DecodedStack::mean}) {
+    for (const cv::Size size : {cv::Size(), cv::Size(133, 10)}) {
+      DecodedStack decoded = whole;
+      decoded.*image = cv::Mat1f(size, 1.0F);
+      EXPECT_THAT(error_of([&] { reconstruct(decoded, rig); }),
+                  testing::HasSubstr("coordinate_px, sigma_px and mean (the texture) of the same size"));
+    }
+  }
+}
+
 }  // namespace
 }  // namespace fringeslam

@@ -7,6 +7,7 @@
 #include <numbers>
 
 #include "core/depth/depth.h"
+#include "core/types/error.h"
 
 namespace fringeslam {
 namespace {
@@ -91,6 +92,12 @@ TEST(IndirectLight, AveragesOutOverTheFringes) {
 TEST(IndirectLight, BlackSurfacesReflectNone) {
   const Walls walls(0.024, 1);
   EXPECT_EQ(cv::countNonZero(indirect_sigma_px(walls.frame, walls.decoded, walls.rig, 0)), 0);
+}
+
+TEST(IndirectLight, NeedsTheModulationOfAllPixels) {
+  Walls walls(0.024, 1);
+  walls.decoded.modulation = walls.decoded.modulation.rowRange(0, 10).clone();
+  EXPECT_THROW(indirect_sigma_px(walls.frame, walls.decoded, walls.rig, kAlbedo), Error);
 }
 
 }  // namespace

@@ -82,6 +82,16 @@ TEST(DepthScore, NothingMeasured) {
   EXPECT_THAT(error_of([&] { score_depth(estimate, truth, 16); }), testing::HasSubstr("differ in size"));
 }
 
+TEST(DepthScore, CoordinatesOfAnotherSizeAreAnError) {
+  TruthFrame truth;
+  truth.depth_m = truth.projector_column = row_of({1, 1});
+  truth.mask = row_of({kLit, kLit});
+  for (const cv::Mat1f& columns : {cv::Mat1f(), row_of({100})}) {
+    const DepthEstimate estimate = {row_of({1.1F, 1.1F}), row_of({1e-4F, 1e-4F}), columns};
+    EXPECT_THAT(error_of([&] { score_depth(estimate, truth, 16); }), testing::HasSubstr("differ in size"));
+  }
+}
+
 TEST(Associate, NearestTimestampsWithinTheGap) {
   const Trajectory truth = {{0.0, {}}, {0.1, {}}, {0.2, {}}, {0.3, {}}};
   const Trajectory estimate = {{-0.5, {}}, {0.098, {}}, {0.15, {}}, {0.3095, {}}, {0.5, {}}};

@@ -68,6 +68,13 @@ def test_samples_equal_the_simulation(folder, root):
     assert len(fs.parse_patterns(sample["patterns"]).patterns) == len(sample["images"]) == 9
 
 
+@pytest.mark.parametrize("values", [np.array([[0, 65534, 65535]], np.uint16), np.array([[0, 65534, np.nan]], np.float32)])
+def test_unknown_orders_are_minus_one(values):
+    orders = fs.datasets._order(values)
+    assert orders.dtype == np.int32
+    assert orders.tolist() == [[0, 65534, -1]]
+
+
 def test_splits_share_no_world(folder):
     train, test = (fs.SampleDataset(folder, split) for split in ("train", "test"))
     assert len(train) == len(test) == 4 and len(fs.SampleDataset(folder)) == 8

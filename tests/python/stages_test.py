@@ -71,6 +71,30 @@ def test_frames_without_all_images_are_refused(view, rig, tmp_path):
         fs.visible_surface([None], rig)
 
 
+def test_decoded_images_of_another_size_are_refused(view, rig):
+    exact = view.truth.projector_column
+    sigma = np.full_like(exact, 0.01)
+    part = fs.DecodedStack()
+    part.coordinate_px, part.sigma_px = exact, sigma
+    with pytest.raises(fs.Error, match="depth: needs coordinate_px, sigma_px and mean"):
+        fs.reconstruct(part, rig)
+    with pytest.raises(fs.Error, match="of the same size"):
+        fs.reconstruct_coordinates(exact, sigma[:10].copy(), rig)
+    with pytest.raises(fs.Error, match="of the same size"):
+        fs.reconstruct_coordinates(exact, sigma, rig, texture=sigma[:10].copy())
+    part.coordinate_px = exact[:10].copy()
+    with pytest.raises(fs.Error, match="differ in size"):
+        fs.score_depth(fs.reconstruct_coordinates(exact, sigma, rig), view.truth, part)
+
+
+def test_surface_is_that_of_the_camera_of_the_truth(view, rig):
+    assert len(fs.visible_surface([view.truth], rig)) > 1000
+    smaller = fs.parse_rig(rig.to_yaml(), "rig.yaml")
+    smaller.camera.height //= 2
+    with pytest.raises(fs.Error, match="visible surface: the ground truth's"):
+        fs.visible_surface([view.truth], smaller)
+
+
 def test_retract_inverts_pose_difference():
     tangent = np.array([0.1, -0.2, 0.3, 1, 2, 3])
     pose = fs.retract(np.eye(4), tangent)
