@@ -18,6 +18,7 @@
 #include "core/decode/spatial.h"
 #include "core/decode/steps.h"
 #include "core/decode/unwrapping_levels.h"
+#include "core/patterns/design.h"
 #include "core/types/error.h"
 
 namespace fringeslam {
@@ -68,12 +69,15 @@ std::vector<EnsembleMember> ensemble_members(const PatternSequence& sequence, co
 std::optional<std::string> obstacle(Unwrapping method, const PatternSequence& sequence, const RigModel& rig,
                                     const DecodeOptions& options, const DecodeContext& context) {
   try {
-    const std::vector<FringeGroup> groups = select_groups(sequence, context.axis, options);
-    const int length = length_of(sequence, context.axis);
     // The two fringes of a product are orthogonal to each other only if all images have the same weight.
-    if (has_exposures(sequence) &&
+    const bool several_exposures = has_exposures(sequence);
+    if (several_exposures &&
         (method == Unwrapping::gray || method == Unwrapping::micro || method == Unwrapping::modulated))
       throw Error("images of several exposures can be decoded by fringes of several periods, not by this method");
+    // The exposures of a pattern are combined to one image.
+    const std::vector<FringeGroup> groups =
+        select_groups(several_exposures ? at_one_exposure(sequence) : sequence, context.axis, options);
+    const int length = length_of(sequence, context.axis);
     if (method == Unwrapping::gray) {
       const StepEstimator any = groups.empty() ? StepEstimator{} : least_squares(groups.back());
       const GrayDecoder decoder(sequence, context.axis, groups.empty() ? nullptr : &any);
@@ -501,12 +505,13 @@ void decode_finer_than_gray(DecodedStack& out, const FringeStack& stack, const R
   const auto has_period = [&](const Pattern& p, const FringeGroup& group) {
     return p.coding == Coding::fringe && p.axis == context.axis && p.period_px == group.period_px;
   };
+  DecodeOptions coarser = options, finer = options;
+  coarser.unwrapping = Unwrapping::gray;
+  finer.unwrapping = Unwrapping::predicted;
   decode_into(
       out,
       images_of(stack, [&](const Pattern& p) { return p.coding != Coding::fringe || has_period(p, groups[numbered]); }),
-      rig, options, context);
-  DecodeOptions finer = options;
-  finer.unwrapping = Unwrapping::predicted;
+      rig, coarser, context);
   for (size_t g = numbered + 1; g < groups.size(); ++g) {
     const CoordinatePrior before{out.coordinate_px.clone(), cv::Mat1f(out.coordinate_px.size(), 0.0f),
                                  out.sigma_px.clone()};
@@ -581,7 +586,10 @@ void decode_images(DecodedStack& out, const FringeStack& stack, const PatternSeq
       throw Error("decode: images in motion need a Gray code with cells no wider than the finest period");
     size_t numbered = groups.size() - 1;
     while (!numbers_periods(*gray, groups[numbered])) --numbered;
-    return decode_finer_than_gray(out, stack, rig, options, context, groups, numbered);
+    decode_finer_than_gray(out, stack, rig, options, context, groups, numbered);
+    if (options.unwrapping != Unwrapping::spatial) return;
+    out.unwrapping = Unwrapping::spatial;
+    return assign_spatial_orders(out, options, length);
   }
   CoordinatePrior bounds;
   const CoordinatePrior* expected = context.expected;

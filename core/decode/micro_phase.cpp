@@ -301,6 +301,8 @@ void MicroDecoder::find_orders(const RowPlan& plan, const float* const* samples,
 }
 
 void MicroDecoder::refine(const RowPlan& plan, int width, const Row& row, const RowOutput& out) const {
+  // The correction for a projector's response holds for the phase steps alone.
+  if (!code_.fringes->correction_turns.empty()) return;
   const auto period = static_cast<float>(plan.period_px);
   for (int i = 0; i < width; ++i) {
     if (std::isnan(out.coordinate[i])) continue;

@@ -196,19 +196,20 @@ FRINGESLAM_INLINE void phase_in_motion(const RowPlan& plan, const StepEstimator&
 }
 
 // The phase from grey values of which each has its own variance: least squares over (1, cos delta_k, -sin delta_k), each
-// sample weighted by its inverse variance.
+// sample weighted by its inverse variance. A correction of the projector's harmonics holds for equal weights only.
 FRINGESLAM_INLINE void phase_of_weighted(const RowPlan& plan, const StepEstimator& e, const RowScratch& scratch,
                                          int width, const PhaseRow& out) {
   const size_t steps = e.images.size();
   float cosine[kMaxSteps], sine[kMaxSteps];
   for (size_t k = 0; k < steps; ++k) cosine_sine(e.shift_turns[k], cosine[k], sine[k]);
+  const bool equal = !e.correction_turns.empty();
   for (int i = 0; i < width; ++i) {
     float weight[kMaxSteps], grey[kMaxSteps];
     float sum = 0, mi = 0, mc = 0, ms = 0, largest = 0;
     for (size_t k = 0; k < steps; ++k) {
       const auto image = static_cast<size_t>(e.images[k]);
       grey[k] = scratch.samples[image][i];
-      weight[k] = 1 / scratch.variances[image][i];
+      weight[k] = equal ? 1 : 1 / scratch.variances[image][i];
       sum += weight[k];
       mi += weight[k] * grey[k];
       mc += weight[k] * cosine[k];
@@ -233,8 +234,8 @@ FRINGESLAM_INLINE void phase_of_weighted(const RowPlan& plan, const StepEstimato
     const float slope_c = (c * vcs - s * vss) * per, slope_s = (s * vcs - c * vcc) * per;
     float variance = 0;
     for (size_t k = 0; k < steps; ++k) {
-      const float slope = slope_c * (cosine[k] - mc) + slope_s * (sine[k] - ms);
-      variance += slope * slope * weight[k];
+      const float slope = weight[k] * (slope_c * (cosine[k] - mc) + slope_s * (sine[k] - ms));
+      variance += slope * slope * scratch.variances[static_cast<size_t>(e.images[k])][i];
     }
     finish_phase(plan, i, mi - c * mc + s * ms, c, s, variance, largest, out);
   }
@@ -245,7 +246,8 @@ FRINGESLAM_INLINE void correct_phase(const std::vector<float>& table, int width,
   const auto size = static_cast<int>(table.size());
 #pragma GCC ivdep
   for (int i = 0; i < width; ++i) {
-    const float at = (turns[i] - std::floor(turns[i])) * static_cast<float>(size);
+    // A phase that motion left undetermined remains NaN.
+    const float at = turns[i] == turns[i] ? (turns[i] - std::floor(turns[i])) * static_cast<float>(size) : 0;
     const int low = static_cast<int>(at) < size ? static_cast<int>(at) : size - 1;
     const int high = low + 1 < size ? low + 1 : 0;
     const float part = at - static_cast<float>(low);
@@ -402,7 +404,10 @@ FRINGESLAM_INLINE void decode_row_body(const RowPlan& plan, int width, RowScratc
     if (!estimator.correction_turns.empty()) correct_phase(estimator.correction_turns, width, groups[g].turns);
     if (estimator.error_turns2 > 0) {
 #pragma GCC ivdep
-      for (int i = 0; i < width; ++i) groups[g].variance[i] += estimator.error_turns2;
+      for (int i = 0; i < width; ++i) {
+        groups[g].variance[i] += estimator.error_turns2;
+        groups[g].valid[i] &= groups[g].variance[i] <= plan.max_sigma_turns * plan.max_sigma_turns;
+      }
     }
   }
   const PhaseRow& finest = groups[groups_count - 1];

@@ -94,18 +94,19 @@ FRINGESLAM_INLINE void coordinates_body(const Projection& p, const RayBlock& ray
 }
 
 // Moves one end of the inverse depth interval to the point where a coordinate leaves the projector's field, by the secant
-// method. `inside` is the other end; the coordinates there are u_end and u_inside.
-template <class Coordinate>
-double clipped(const Coordinate& coordinate, double end, double u_end, double inside, double u_inside, double low_px,
-               double high_px) {
+// method on the coordinate times `scale`. `inside` is the other end; the coordinates there are u_end and u_inside.
+template <class Coordinate, class Scale>
+double clipped(const Coordinate& coordinate, const Scale& scale, double end, double u_end, double inside,
+               double u_inside, double low_px, double high_px) {
   if (u_end >= low_px && u_end <= high_px) return end;
   const double target = u_end < low_px ? low_px : high_px;
-  double a = end, b = inside, u_a = u_end - target, u_b = u_inside - target;
-  for (int iteration = 0; iteration < 12 && u_a != u_b; ++iteration) {
-    const double next = a - u_a * (b - a) / (u_b - u_a);
+  double a = end, b = inside, f_a = (u_end - target) * scale(end), f_b = (u_inside - target) * scale(inside);
+  for (int iteration = 0; iteration < 12 && f_a != f_b; ++iteration) {
+    const double next = a - f_a * (b - a) / (f_b - f_a);
     b = std::exchange(a, next);
-    u_b = std::exchange(u_a, coordinate(a) - target);
-    if (std::abs(u_a) < 1e-3) break;
+    const double beyond = coordinate(a) - target;
+    f_b = std::exchange(f_a, beyond * scale(a));
+    if (std::abs(beyond) < 1e-3) break;
   }
   return a;
 }
@@ -116,13 +117,26 @@ struct Interval {
 };
 
 // Limits an interval to where a coordinate is between two limits; returns false if that is nowhere.
-template <class Coordinate>
-bool limit(const Coordinate& coordinate, double low_px, double high_px, Interval& interval) {
+template <class Coordinate, class Scale>
+bool limit(const Coordinate& coordinate, const Scale& scale, double low_px, double high_px, Interval& interval) {
   const double u_far = coordinate(interval.far), u_near = coordinate(interval.near);
-  const bool crosses = std::max(u_far, u_near) > low_px && std::min(u_far, u_near) < high_px;  // not if NaN
+  const bool crosses = std::max(u_far, u_near) > low_px && std::min(u_far, u_near) < high_px;
   if (!crosses) return false;
-  interval = {clipped(coordinate, interval.far, u_far, interval.near, u_near, low_px, high_px),
-              clipped(coordinate, interval.near, u_near, interval.far, u_far, low_px, high_px)};
+  interval = {clipped(coordinate, scale, interval.far, u_far, interval.near, u_near, low_px, high_px),
+              clipped(coordinate, scale, interval.near, u_near, interval.far, u_far, low_px, high_px)};
+  return true;
+}
+
+// Limits an interval to where the depth in the projector's frame, which is linear in inverse depth, is positive; returns
+// false if that is nowhere.
+template <class Depth>
+bool limit_to_front(const Depth& depth, Interval& interval) {
+  constexpr double kLeast = 1e-3;  // relative to the greatest depth
+  const double at_far = depth(interval.far), at_near = depth(interval.near), least = kLeast * std::max(at_far, at_near);
+  if (!(least > 0)) return false;  // also if it is NaN
+  const double per_depth = (interval.near - interval.far) / (at_near - at_far);
+  if (at_near < least) interval.near = interval.far + (least - at_far) * per_depth;
+  if (at_far < least) interval.far = interval.near + (least - at_near) * per_depth;
   return true;
 }
 
@@ -291,7 +305,15 @@ Triangulation::Triangulation(const RigModel& rig, const PixelRays& rays, double 
         const auto along = [&](double inverse_depth) { return lit_at(projection, block, i, inverse_depth).along; };
         const auto across = [&](double inverse_depth) { return lit_at(projection, block, i, inverse_depth).across; };
         Interval lit{w_far, w_near};
-        crosses[k] = limit(along, low_px, high_px, lit) && limit(across, low_px, across_high_px, lit);
+        const auto depth = [&](double inverse_depth) { return block.depth[k] + inverse_depth * projection.t_depth_m; };
+        const bool in_front = limit_to_front(depth, lit);
+        // Close to the projector, a coordinate is a steep hyperbola, which secants may leave; times the depth it is nearly
+        // a straight line.
+        const auto [nearest, farthest] = std::minmax({depth(lit.far), depth(lit.near)});
+        const bool steep = nearest < 0.5 * farthest;
+        const auto scale = [&](double inverse_depth) { return steep ? depth(inverse_depth) : 1; };
+        crosses[k] =
+            in_front && limit(along, scale, low_px, high_px, lit) && limit(across, scale, low_px, across_high_px, lit);
         if (crosses[k]) low[k] = lit.far, high[k] = lit.near;
       }
       interpolate(projection, block, low, high, nodes, polynomials);

@@ -236,6 +236,35 @@ TEST(Decode, CorrectionOfAProjectorFollowsTheDrift) {
   }
 }
 
+// At the borders of moved images the drift is unknown.
+TEST(Decode, CorrectionOfAProjectorLeavesUnknownPhasesInvalid) {
+  RigModel rig;
+  rig.sensor = silent_sensor();
+  rig.phase_correction = phase_correction_of(gamma_table(2.2), 3);
+  const cv::Mat1d truth = ramp(200, 800, 100);
+  const PatternSequence sequence = columns({1040});
+  AlignedStack aligned;
+  std::vector<cv::Mat> images;
+  for (const Pattern& pattern : sequence.patterns) {
+    cv::Mat1f image(truth.size()), drift(truth.size(), 0.f);
+    for (int i = 0; i < truth.cols; ++i)
+      image(0, i) = static_cast<float>(10 + 200 * std::pow(ideal_intensity(pattern, truth(0, i)), 2.2));
+    if (!images.empty()) drift(0, 0) = drift(0, 50) = std::numeric_limits<float>::quiet_NaN();
+    aligned.images.push_back(image);
+    aligned.drift_px.push_back(drift);
+    images.push_back(image);
+  }
+  DecodeContext context{Axis::columns};
+  context.aligned = &aligned;
+  const DecodedStack decoded = fringeslam::decode(stack_of(sequence, images), rig, {}, context);
+  for (int i = 0; i < truth.cols; ++i) {
+    if (i == 0 || i == 50)
+      EXPECT_TRUE(std::isnan(decoded.coordinate_px(0, i)));
+    else
+      EXPECT_NEAR(decoded.coordinate_px(0, i), truth(0, i), 2);
+  }
+}
+
 TEST(Decode, NoiseDoesNotLoseTheBordersOfTheProjector) {
   // The coarsest period is 16 px longer than the projector width, so a phase just below 0 can only be column 0.
   const SensorModel sensor = sensor_of(8);

@@ -8,6 +8,7 @@
 
 #include "core/decode/decode.h"
 #include "core/patterns/design.h"
+#include "core/patterns/waveform.h"
 #include "tests/support/fringes.h"
 #include "tests/support/matchers.h"
 
@@ -29,15 +30,17 @@ SequenceDesign design_of(const std::vector<double>& exposures) {
   return design;
 }
 
-// Images of pixels that receive `mean_dn[i]` +- 80 % at the rig's exposure and see coordinate_px[i].
+// Images of pixels that receive `mean_dn[i]` +- 80 % at the rig's exposure and see coordinate_px[i], from a projector of this
+// gamma.
 FringeStack bracketed(const PatternSequence& sequence, const std::vector<double>& coordinate_px,
-                      const std::vector<double>& mean_dn, const SensorModel& sensor, Random& random) {
+                      const std::vector<double>& mean_dn, const SensorModel& sensor, Random& random, double gamma = 1) {
   std::vector<cv::Mat> images;
   for (const Pattern& pattern : sequence.patterns) {
     cv::Mat1b image(1, static_cast<int>(mean_dn.size()));
     for (int i = 0; i < image.cols; ++i) {
       const auto k = static_cast<size_t>(i);
-      const double light = mean_dn[k] * (1 + 0.8 * (2 * ideal_intensity(pattern, coordinate_px[k]) - 1));
+      const double light =
+          mean_dn[k] * (1 + 0.8 * (2 * std::pow(ideal_intensity(pattern, coordinate_px[k]), gamma) - 1));
       const double exact = sensor.offset_dn + pattern.exposure * light;
       image(i) = cv::saturate_cast<uchar>(exact + std::sqrt(sensor.variance_dn2(exact) - 1.0 / 12) * random.normal());
     }
@@ -136,6 +139,54 @@ TEST(Exposures, CoordinatesAreHonestOverTheDynamicRange) {
   EXPECT_GT(valid, 0.99 * kPixels);
   EXPECT_LE(beyond, 6);
   EXPECT_NEAR(squares / valid, 1, 0.1);
+}
+
+// Bright steps come from the short exposure alone. Weighted by their variances, steps would not cancel the harmonics of the
+// projector as they do in its correction.
+TEST(Exposures, ProjectorsAreCorrected) {
+  constexpr int kPixels = 6000;
+  constexpr double kGamma = 2.2, kPeriod_px = 1040;
+  SequenceDesign design = design_of({1, 8});
+  design.periods_px = {kPeriod_px};
+  const PatternSequence sequence = design_sequence(design);
+  RigModel rig;
+  rig.phase_correction = phase_correction_of(gamma_table(kGamma), 4);
+  std::vector<double> coordinate_px;
+  for (int i = 0; i < kPixels; ++i) coordinate_px.push_back(20 + 980.0 * i / kPixels);
+  Random random(6);
+  const FringeStack stack =
+      bracketed(sequence, coordinate_px, std::vector<double>(kPixels, 60), rig.sensor, random, kGamma);
+  const DecodedStack decoded = decode(stack, rig, {});
+  int valid = 0;
+  double squares = 0;
+  for (int i = 0; i < kPixels; ++i) {
+    const double error = static_cast<double>(decoded.coordinate_px(0, i)) - coordinate_px[static_cast<size_t>(i)];
+    if (std::isnan(error)) continue;
+    ++valid;
+    squares += std::pow(error / static_cast<double>(decoded.sigma_px(0, i)), 2);
+  }
+  EXPECT_GT(valid, 0.99 * kPixels);
+  EXPECT_NEAR(squares / valid, 1, 0.1);
+}
+
+// Twelve steps at six exposures are 72 images, but twelve steps to the decoder, which takes 64 at most.
+TEST(Exposures, TheirImagesAreNoMoreSteps) {
+  SequenceDesign design = design_of({0.25, 0.5, 1, 2, 4, 8});
+  design.periods_px = {1040};
+  design.steps = 12;
+  const PatternSequence sequence = design_sequence(design);
+  ASSERT_EQ(sequence.patterns.size(), 72U);
+  EXPECT_EQ(resolve_unwrapping(sequence, RigModel(), {}), Unwrapping::multifrequency);
+  Random random(7);
+  const std::vector<double> coordinate_px = {100, 400, 900};
+  const FringeStack stack = bracketed(sequence, coordinate_px, {4, 20, 80}, {}, random);
+  for (const int steps : {0, 4}) {
+    DecodeOptions options;
+    options.steps = steps;
+    const DecodedStack decoded = decode(stack, RigModel(), options);
+    for (int i = 0; i < 3; ++i)
+      EXPECT_NEAR(decoded.coordinate_px(0, i), coordinate_px[static_cast<size_t>(i)], 5 * decoded.sigma_px(0, i)) << i;
+  }
 }
 
 TEST(Exposures, GrayCodeIsRefusedWithTheReason) {

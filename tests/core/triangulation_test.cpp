@@ -103,6 +103,22 @@ TEST(Triangulation, RowsOfAProjectorAboveTheCamera) {
   EXPECT_LT(worst_relative_error(rig, Axis::rows, 0.6, 1.6), 1e-6);
 }
 
+// The near end of the rays lies behind the projector, which stands 0.6 m in front of the camera.
+TEST(Triangulation, CamerasBehindTheProjector) {
+  for (const double aside_m : {0.15, 0.25}) {
+    for (const double far_m : {1.4, 2.5}) {
+      RigModel rig = small_rig(false);
+      rig.projector.fx = rig.projector.fy = aside_m < 0.2 ? 2600 : 1500;
+      const Eigen::Matrix3d turned = rotation_exp({0, std::atan(aside_m / 0.4), 0});  // the axes meet at 1 m
+      rig.projector_from_camera = {turned, turned * Eigen::Vector3d(-aside_m, 0, -0.6)};
+      const Deviation deviation = greatest_deviation(rig, Axis::columns, 0.4, far_m);
+      EXPECT_EQ(deviation.missing, 0) << aside_m << ' ' << far_m << " of " << deviation.checked;
+      EXPECT_LT(deviation.relative, 1e-4) << aside_m << ' ' << far_m;
+      EXPECT_LT(deviation.sigmas, 1.5) << aside_m << ' ' << far_m;
+    }
+  }
+}
+
 TEST(Triangulation, DepthsOutsideTheRangeAndNaNAreNone) {
   const RigModel rig = small_rig(false);
   const PixelRays rays = pixel_rays(rig.camera);

@@ -10,6 +10,7 @@
 #include "core/decode/unwrapping_levels.h"
 #include "core/patterns/design.h"
 #include "core/patterns/micro_code.h"
+#include "core/patterns/waveform.h"
 #include "tests/support/fringes.h"
 #include "tests/support/matchers.h"
 
@@ -654,6 +655,32 @@ TEST(Micro, ConstantLightChangesNeitherOrdersNorPhases) {
   }
 }
 
+// The other images would move a corrected phase by the projector's error once more.
+TEST(Micro, CorrectionsOfAProjectorAreKept) {
+  constexpr double kGamma = 1.1;
+  const PatternSequence sequence = design_sequence(micro_design(16.5, 7));
+  const cv::Mat1d truth = support::ramp(0.3, 1022.8, 4000);
+  std::vector<cv::Mat> images;
+  for (const Pattern& pattern : sequence.patterns) {
+    cv::Mat1f image(truth.size());
+    for (int i = 0; i < truth.cols; ++i)
+      image(0, i) = static_cast<float>(60 + 120 * std::pow(ideal_intensity(pattern, truth(0, i)), kGamma));
+    images.push_back(image);
+  }
+  RigModel rig = plain_rig();
+  rig.phase_correction = phase_correction_of(gamma_table(kGamma), 3);
+  const DecodedStack found = decode(stack_of(sequence, images), rig, {});
+  double largest_px = 0;
+  int decided = 0;
+  for (int i = 0; i < truth.cols; ++i) {
+    if (found.fringe_order(0, i) < 0) continue;
+    ++decided;
+    largest_px = std::max(largest_px, std::abs(static_cast<double>(found.coordinate_px(0, i)) - truth(0, i)));
+  }
+  EXPECT_GT(decided, 3000);
+  EXPECT_LT(largest_px, 0.01);
+}
+
 // Seven images know the phase better than the three phase steps alone do.
 TEST(Micro, AllImagesContributeToThePhase) {
   const RigModel rig = plain_rig();
@@ -937,6 +964,33 @@ TEST(SpatialDecoding, ComponentsTakeTheirOrderFromTheReference) {
     EXPECT_TRUE(std::isnan(relative.coordinate_px(3, 3)));
     const double step = relative.relative_phase(3, 30) - relative.relative_phase(3, 3);
     EXPECT_NEAR(step, 27 * 2.0 / 16 * kTwoPi, 0.2);
+  }
+}
+
+// The cells of the Gray code number the coarse period only, but it is the fine one that is unwrapped.
+TEST(SpatialDecoding, FollowsTheFinestPeriodBeyondAGrayCode) {
+  cv::Mat1d truth(60, 80);
+  for (int row = 0; row < 60; ++row) {
+    for (int col = 0; col < 80; ++col) truth(row, col) = 200 + 2.0 * col + (col >= 40 ? 7.4 * 16 : 0);
+  }
+  const RigModel rig = plain_rig();
+  SequenceDesign design = design_of({128, 16});
+  design.gray_cell_px = 64;
+  Random random(10);
+  const auto stack = fringe_stack(truth, design_sequence(design), {}, CV_8UC1, rig.sensor, &random);
+  const DecodedStack decoded = decode(stack, rig, by(Unwrapping::spatial)),
+                     reference = decode(stack, rig, by(Unwrapping::gray));
+  EXPECT_EQ(reference.unwrapping, Unwrapping::gray);
+  EXPECT_TRUE(reference.components.empty());
+  EXPECT_EQ(decoded.unwrapping, Unwrapping::spatial);
+  EXPECT_EQ(decoded.finest_period_px, 16);
+  ASSERT_EQ(decoded.components.size(), 2U);
+  EXPECT_TRUE(decoded.components[0].absolute && decoded.components[1].absolute);
+  for (int row = 0; row < 60; ++row) {
+    for (int col = 0; col < 80; ++col) {
+      EXPECT_NEAR(decoded.coordinate_px(row, col), truth(row, col), 0.5);
+      EXPECT_NEAR(decoded.relative_phase(row, col), (truth(row, col) + 0.5) / 16 * kTwoPi, 0.2);
+    }
   }
 }
 
