@@ -64,7 +64,7 @@ Errors errors_along_the_loop(uint64_t seed, int views) {
       PoseErrors& sums = stack.patterns.patterns[k].period_px == finest_px ? errors.finest : errors.others;
       sums.lost += !image.tracked;
       if (image.tracked)
-        sums.add(pipeline.mapper().world_from_camera(image.view) * image.reference_from_camera,
+        sums.add(pipeline.mapper().world_from_frame(image.view) * image.reference_from_camera,
                  map_from_truth * view.truth.exposures[k].world_from_robot * mount, image.covariance);
     }
     errors.views.lost += result.tracking == Tracking::lost;

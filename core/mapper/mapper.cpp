@@ -358,8 +358,9 @@ bool Mapper::follow_by_prediction(FrameResult& result, const MapperInput& input,
   const Pose found = world_from_reference * result.registration.earlier_from_current;
   const ExpectedView second =
       expected_view(found, rotated_covariance(world_from_reference.rotation, result.covariance), true);
-  const std::optional<StackMotion> motion = result.motion;
+  const std::optional<StackMotion> motion = result.motion, undecided = result.undecided_motion;
   reconstruct(result, input, {&second, motion ? MotionPrior{motion->motion, motion->covariance} : predicted.motion});
+  if (!result.in_motion()) result.undecided_motion = undecided;
   return follow(result, found);
 }
 
@@ -403,7 +404,7 @@ ExpectedView Mapper::expected_view(const Pose& world_from_current, const Matrix6
 
 // Relocalizes by landmarks, wherever in the map they were seen, or else by all keypoints of the last keyframe.
 bool Mapper::relocalize(FrameResult& result) {
-  if (result.keypoints.detected == 0) find_landmarks(result, true);
+  if (result.keypoints.detected == 0 || result.recognitions.empty()) find_landmarks(result, true);
   enter_stage("locate");
   const int last = track_.empty() ? static_cast<int>(map_.keyframes().size()) - 1 : track_.back().keyframe;
   std::shared_ptr<const Landmarks> landmarks;

@@ -23,7 +23,7 @@ double Mapper::largest_error_m(const Prediction& predicted) const {
 
 // Corrects a prediction that the motion during the stack contradicts: the robot has accelerated since the last view.
 Mapper::Prediction Mapper::corrected(Prediction predicted, const FrameResult& result) const {
-  if (!in_motion_ || !result.in_motion() || result.motion->residuals == 0) return predicted;
+  if (!in_motion_ || !result.in_motion() || result.motion_unknown() || result.motion->residuals == 0) return predicted;
   const StackMotion& own = *result.motion;
   const double since_last_s = result.frame.timestamp_s - track_.back().timestamp_s;
   // Share of the change that affects the displacement: one half for a constant acceleration, otherwise 0 to 1.
@@ -98,7 +98,8 @@ void Mapper::follow_again(FrameResult& result, const MapperInput& input, const M
 }
 
 // Rejects a relocalized view whose pose changes by more than its uncertainty, or is lost, when it is estimated together
-// with the motion: depth that its stack's own estimate distorted matches the map at a wrong pose.
+// with the motion: depth that its stack's own estimate distorted matches the map at a wrong pose. Relative to another keyframe,
+// the errors of the two registrations, and of the map between the keyframes, are independent.
 void Mapper::confirm_in_motion(FrameResult& result, const MapperInput& input) {
   if (!result.registration.refined || result.motion->residuals == 0) return;
   const Pose& pose = result.registration.earlier_from_current;
@@ -112,7 +113,12 @@ void Mapper::confirm_in_motion(FrameResult& result, const MapperInput& input) {
   if (confirmed) {
     const Pose world_from_joint = map_.keyframes()[static_cast<size_t>(joint.reference)].world_from_camera *
                                   joint.registration.earlier_from_current;
-    confirmed = agree(world_from_reference.inverse() * world_from_joint, pose, covariance);
+    Matrix6d expected = covariance;
+    if (joint.reference != result.reference)
+      expected =
+          with_parallax(covariance + joint.covariance + map_.covariance_between(result.reference, joint.reference),
+                        pose, rig_.middle_range_m());
+    confirmed = agree(world_from_reference.inverse() * world_from_joint, pose, expected);
   }
   if (confirmed) return;
   result.tracking = Tracking::lost;
@@ -167,9 +173,11 @@ Matrix6d Mapper::by_motion_of_reference(const FrameResult& result) const {
                               result.registration.earlier_from_current);
 }
 
-// Later views reveal vibration that the first keyframe was exposed to.
+// Later views reveal vibration that the first keyframe was exposed to, as long as the robot neither stops nor gets lost.
 void Mapper::widen_first_motion() {
   constexpr double kChange = 0.05;
+  constexpr size_t kMostViews = 32;  // as many as vibration is estimated from
+  if (continuous_from_ > 0 || track_.size() > kMostViews) first_motion_.reset();
   if (!first_motion_) return;
   FrameMotion motion = *first_motion_;
   vibration_.widen(motion.covariance);
@@ -197,6 +205,8 @@ Mapper::FrameMotion Mapper::add_motion_uncertainty(FrameResult& result, const Ma
     vibration_.note(estimate_vibration(samples, options_.registration.motion_prior, rig_.timing.camera_rate_hz));
     vibration_.widen_estimate(own.covariance);
     widen_first_motion();
+  } else {
+    first_motion_.reset();
   }
   result.covariance =
       with_parallax(result.covariance + own.spread() + by_motion_of_reference(result), pose, rig_.middle_range_m());

@@ -27,7 +27,7 @@ std::vector<WarmObject> ThermalObserver::warm_objects(const Mapper& mapper) cons
   std::vector<LocatedRegions> views;
   for (const auto& [view, regions] : seen_) {
     views.push_back(regions);
-    views.back().world_from_camera = mapper.world_from_camera(view);
+    views.back().world_from_camera = mapper.world_from_frame(view);
   }
   return merge_regions(views, options_);
 }

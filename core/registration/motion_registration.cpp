@@ -24,10 +24,11 @@ struct Sums {
 };
 
 // Adds the slopes [first, end); see linearise().
-void add_slopes(const Frame& target, const Frame& source, const Pinhole& camera, const Pose& pose,
+void add_slopes(const Frame& target, const Frame& source, const Pinhole& camera, double largest_r2, const Pose& pose,
                 const std::vector<DepthSlope>& slopes, size_t first, size_t end, const Vector12d& step,
                 const Matrix12d& uncertain, double outlier_sigma, Sums& sums) {
   constexpr double kMinCosine = 0.85;
+  Eigen::Vector2d pixel;
   Vector18d jacobian;
   for (size_t i = first; i < end; ++i) {
     const DepthSlope& slope = slopes[i];
@@ -36,10 +37,8 @@ void add_slopes(const Frame& target, const Frame& source, const Pinhole& camera,
     const Vector3d seen = vector_of(source.points_m(slope.row, slope.col)), ray = seen / seen.z();
     const Vector3d point = seen + slope.by_motion.dot(step) * ray;
     const Vector3d turned = pose.rotation * point, moved = turned + pose.translation;
-    if (!(moved.z() > 0)) continue;
-    const Eigen::Vector2d pixel = camera.project(moved);
-    if (!camera.contains(pixel)) continue;
-    const int row = static_cast<int>(std::lround(pixel.y())), col = static_cast<int>(std::lround(pixel.x()));
+    if (!camera.shows(moved, largest_r2, pixel)) continue;
+    const int row = static_cast<int>(pixel.y() + 0.5), col = static_cast<int>(pixel.x() + 0.5);
     const Vector3d there = vector_of(target.points_m(row, col)), facing = vector_of(target.normals(row, col));
     if (std::isnan(there.z()) || std::isnan(facing.z())) continue;
     const Vector3d own = pose.rotation * normal;
@@ -70,10 +69,11 @@ Sums linearise(const Frame& target, const Frame& source, const Pinhole& camera, 
   // The parts do not depend on the number of threads, nor does their sum.
   constexpr size_t kPart = 512;
   std::vector<Sums> parts((slopes.size() + kPart - 1) / kPart);
+  const double largest_r2 = camera.largest_r2();
   for_each_row(static_cast<int>(parts.size()), [&](int number) {
     const auto part = static_cast<size_t>(number);
-    add_slopes(target, source, camera, pose, slopes, part * kPart, std::min(slopes.size(), (part + 1) * kPart), step,
-               uncertain, outlier_sigma, parts[part]);
+    add_slopes(target, source, camera, largest_r2, pose, slopes, part * kPart,
+               std::min(slopes.size(), (part + 1) * kPart), step, uncertain, outlier_sigma, parts[part]);
   });
   Sums sums;
   for (const Sums& part : parts) {

@@ -32,8 +32,9 @@ struct TargetImages {
   std::array<const int32_t*, 2> uses;     // of each half of the points
 };
 
-// Writes the target pixel of each point, or -1 outside the image.
-FRINGESLAM_INLINE void associate_body(PointArrays source, int count, Projection p, int32_t* __restrict pixel) {
+// Writes the target pixel of each point, or -1 outside the image, whose points have at most `largest_r2` (Pinhole).
+FRINGESLAM_INLINE void associate_body(PointArrays source, int count, Projection p, float largest_r2,
+                                      int32_t* __restrict pixel) {
   for (int i = 0; i < count; ++i) {
     const float sx = source.x[i], sy = source.y[i], sz = source.z[i];
     const float x = p.r[0] * sx + p.r[1] * sy + p.r[2] * sz + p.t[0];
@@ -42,8 +43,8 @@ FRINGESLAM_INLINE void associate_body(PointArrays source, int count, Projection 
     const float a = x / z, b = y / z, r2 = a * a + b * b, radial = 1 + r2 * (p.k1 + r2 * (p.k2 + r2 * p.k3));
     const float u = p.fx * (a * radial + 2 * p.p1 * a * b + p.p2 * (r2 + 2 * a * a)) + p.cx + 0.5f;
     const float v = p.fy * (b * radial + p.p1 * (r2 + 2 * b * b) + 2 * p.p2 * a * b) + p.cy + 0.5f;
-    const bool inside =
-        (z > 0) & (u >= 0) & (v >= 0) & (u < static_cast<float>(p.width)) & (v < static_cast<float>(p.height));
+    const bool inside = (z > 0) & (r2 <= largest_r2) & (u >= 0) & (v >= 0) & (u < static_cast<float>(p.width)) &
+                        (v < static_cast<float>(p.height));
     const int col = static_cast<int>(inside ? u : 0), row = static_cast<int>(inside ? v : 0);
     pixel[i] = inside ? row * p.width + col : -1;
   }
@@ -170,6 +171,7 @@ void add(const LaneSums& lanes, PlaneSums& total) {
 
 PlanePairs::PlanePairs(const Frame& target, const Frame& source, const Pinhole& camera, double max_normal_deg)
     : camera_(camera),
+      largest_r2_(static_cast<float>(camera.largest_r2())),
       min_normal_cos_(static_cast<float>(std::cos(max_normal_deg * std::numbers::pi / 180))),
       target_(target),
       levels_(5),
@@ -233,7 +235,7 @@ PlaneSums PlanePairs::linearise(const Pose& target_from_source, const PlaneGates
   pixel_.resize(static_cast<size_t>(points.padded));
   for_each_row(chunks, [&](int chunk) {
     const int first = chunk * kChunk;
-    associate(from(first), std::min(kChunk, points.padded - first), projection, pixel_.data() + first);
+    associate(from(first), std::min(kChunk, points.padded - first), projection, largest_r2_, pixel_.data() + first);
   });
   // Each half of the points has its own counts, so that two threads can count them.
   const auto for_each_use = [&](const auto& visit) {

@@ -65,6 +65,7 @@ class PlanePairs {
   const Points& level(int stride);  // computed on first use
 
   Pinhole camera_;
+  float largest_r2_;
   float min_normal_cos_;
   const Frame& target_;
   // During linearise(): each point's target pixel, and the number of points of each half on each pixel; uses_ is zero

@@ -140,6 +140,23 @@ StoredPart MapJournal::saved(const StoredFrame& frame) {
   return *part;
 }
 
+// Called by steps: what the map says at present of the parts that the index has so far. All steps that wait while the disk
+// is full share it.
+void MapJournal::bring_up_to_date() {
+  std::shared_ptr<const Present> present;
+  {
+    const std::lock_guard lock(mutex_);
+    present = present_;
+  }
+  if (!present) return;
+  const auto known = [](const auto& noted, const auto& in_index) { return std::min(noted.size(), in_index.size()); };
+  std::copy_n(present->links.begin(), known(present->links, index_.links), index_.links.begin());
+  for (size_t i = 0; i < known(present->keyframes, index_.keyframes); ++i)
+    std::tie(index_.keyframes[i].world_from_camera, index_.keyframes[i].motion) = present->keyframes[i];
+  for (size_t i = 0; i < known(present->frames, index_.frames); ++i)
+    index_.frames[i].keyframe_from_camera = present->frames[i];
+}
+
 // Poses, motions, links and frames that were noted before.
 void MapJournal::note_changes(const KeyframeMap& map, std::vector<Step>& steps) {
   revision_ = map.revision();
@@ -158,18 +175,16 @@ void MapJournal::note_changes(const KeyframeMap& map, std::vector<Step>& steps) 
       }
     });
   }
-  std::vector<PoseEdge> links(map.links().begin(), map.links().begin() + static_cast<std::ptrdiff_t>(links_));
-  std::vector<std::pair<Pose, KeyframeMotion>> keyframes;
-  for (size_t i = 0; i < images_.size(); ++i)
-    keyframes.emplace_back(map.keyframes()[i].world_from_camera, map.keyframes()[i].motion);
-  std::vector<Pose> frames;
-  for (size_t i = 0; i < frames_; ++i) frames.push_back(map.frames()[i].keyframe_from_camera);
-  steps.push_back([this, keyframes = std::move(keyframes), frames = std::move(frames), links = std::move(links)] {
-    std::copy(links.begin(), links.end(), index_.links.begin());
-    for (size_t i = 0; i < keyframes.size(); ++i)
-      std::tie(index_.keyframes[i].world_from_camera, index_.keyframes[i].motion) = keyframes[i];
-    for (size_t i = 0; i < frames.size(); ++i) index_.frames[i].keyframe_from_camera = frames[i];
-  });
+  auto present = std::make_shared<Present>();
+  present->links.assign(map.links().begin(), map.links().end());
+  for (const Keyframe& keyframe : map.keyframes())
+    present->keyframes.emplace_back(keyframe.world_from_camera, keyframe.motion);
+  for (const MapFrame& frame : map.frames()) present->frames.push_back(frame.keyframe_from_camera);
+  {
+    const std::lock_guard lock(mutex_);
+    present_ = std::move(present);
+  }
+  steps.emplace_back([] {});
 }
 
 void MapJournal::note_additions(const KeyframeMap& map, std::vector<Step>& steps) {
@@ -250,6 +265,7 @@ void MapJournal::save() {
       const uint64_t end = parts_.end();
       try {
         steps_.front()();
+        bring_up_to_date();
       } catch (...) {
         parts_.go_back(end);
         throw;

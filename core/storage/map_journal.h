@@ -15,10 +15,12 @@
 #include <deque>
 #include <filesystem>
 #include <functional>
+#include <memory>
 #include <mutex>
 #include <optional>
 #include <string>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "core/io/staged.h"
@@ -56,11 +58,19 @@ class MapJournal {
   // Appends at most the parts of one frame or keyframe, then changes the index.
   using Step = std::function<void()>;
 
+  // The parts of the map that corrections change.
+  struct Present {
+    std::vector<std::pair<Pose, KeyframeMotion>> keyframes;
+    std::vector<Pose> frames;
+    std::vector<PoseEdge> links;
+  };
+
   std::vector<Step> begin(const KeyframeMap& map);
   void note_changes(const KeyframeMap& map, std::vector<Step>& steps);
   void note_additions(const KeyframeMap& map, std::vector<Step>& steps);
   std::optional<StoredPart> part_of_base(const StoredFrame& frame) const;
   StoredPart saved(const StoredFrame& frame);
+  void bring_up_to_date();
   void work();
   void save();
   void write_index();
@@ -86,9 +96,10 @@ class MapJournal {
 
   mutable std::mutex mutex_;
   std::condition_variable changed_;
-  std::vector<Step> waiting_;  // guarded by mutex_
-  bool stopping_ = false;      // guarded by mutex_
-  int saved_keyframes_ = 0;    // guarded by mutex_
+  std::vector<Step> waiting_;               // guarded by mutex_
+  std::shared_ptr<const Present> present_;  // at the last correction; guarded by mutex_
+  bool stopping_ = false;                   // guarded by mutex_
+  int saved_keyframes_ = 0;                 // guarded by mutex_
 
   bool removed_ = false;
   std::thread thread_;
