@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // fringeslam calibrate response DATASET --out FOLDER
+#include <algorithm>
 #include <cstdio>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -69,11 +70,11 @@ Ramp ramp_of(const PatternSequence& sequence) {
   return ramp;
 }
 
-// Returns the first fringe group with at least 8 phase steps.
+// Returns the first fringe group with at least 8 equally spaced phase steps.
 std::optional<FringeGroup> many_steps(const PatternSequence& sequence) {
   for (const Axis axis : {Axis::columns, Axis::rows}) {
     for (const FringeGroup& group : fringe_groups(sequence, axis)) {
-      if (group.images.size() >= 8) return group;
+      if (group.images.size() >= 8 && equally_spaced(group.shifts_rad)) return group;
     }
   }
   return std::nullopt;
@@ -129,7 +130,10 @@ cv::Mat3b picture_of(const Response& response) {
 std::vector<Axis> axes_of_several_periods(const PatternSequence& sequence) {
   std::vector<Axis> axes;
   for (const Axis axis : {Axis::columns, Axis::rows}) {
-    if (fringe_groups(sequence, axis).size() > 1) axes.push_back(axis);
+    const std::vector<FringeGroup> groups = fringe_groups(sequence, axis);
+    const bool even = std::all_of(groups.begin(), groups.end(),
+                                  [](const FringeGroup& group) { return equally_spaced(group.shifts_rad); });
+    if (groups.size() > 1 && even) axes.push_back(axis);
   }
   return axes;
 }
@@ -157,17 +161,17 @@ int calibrate(const CalibrateResponseArguments& arguments, const Common& common)
   apply_settings(settings, arguments.sets);
   ReplayRig replay(arguments.dataset);
   const PatternSequence& sequence = replay.sequence();
+  if (has_exposures(sequence))
+    throw Error(arguments.dataset +
+                ": its patterns have several exposures, which look like phase steps; capture patterns at one exposure");
   const Ramp ramp = ramp_of(sequence);
   const std::optional<FringeGroup> fringes = many_steps(sequence);
   const bool by_periods = ramp.images.size() < 5 && !fringes;
   if (by_periods && axes_of_several_periods(sequence).empty())
     throw Error(arguments.dataset +
                 ": contains neither a gray ramp of 5 levels or more nor 8 or more steps of a period, nor three or more "
-                "steps of several periods; render or capture patterns with `ramp_levels: 33`, `steps: 12` or "
-                "`periods_px: [1040, 131, 16.5]`");
-  if (has_exposures(sequence))
-    throw Error(arguments.dataset +
-                ": its patterns have several exposures, which look like phase steps; capture patterns at one exposure");
+                "steps of several periods, all equally spaced; render or capture patterns with `ramp_levels: 33`, "
+                "`steps: 12` or `periods_px: [1040, 131, 16.5]`");
   if (!sequence.inverse_response.empty())
     throw Error(arguments.dataset +
                 ": its patterns are already corrected by an inverse response; capture uncorrected ones");
@@ -187,7 +191,8 @@ int calibrate(const CalibrateResponseArguments& arguments, const Common& common)
       rig.projector_response = response.table;
       rig.phase_correction = {};
       if (arguments.steps && !fringes)
-        throw Error("--steps: a phase correction needs fringes with 8 or more steps; the dataset has none");
+        throw Error(
+            "--steps: a phase correction needs fringes with 8 or more equally spaced steps; the dataset has none");
       // By default a correction for the papers' three steps, if their number divides that of the fringes' steps.
       if (arguments.steps || (fringes && fringes->images.size() % 3 == 0))
         rig.phase_correction =
@@ -215,8 +220,8 @@ Verb add_calibrate_response(Command group, const Common& common) {
   auto arguments = std::make_shared<CalibrateResponseArguments>();
   const Command verb = group.add_subcommand("response", "Projector response, from a gray ramp or from fringes");
   verb.add_option("dataset", arguments->dataset,
-                  "Dataset with flat patterns or 8 or more steps of one period, of one view, or with three or more "
-                  "steps of several periods")
+                  "Dataset with flat patterns or 8 or more equally spaced steps of one period, of one view, or with "
+                  "three or more of several periods")
       .required();
   verb.add_option("--out", arguments->out, "Folder for rig.yaml, response.json and response.png").required();
   verb.add_option(

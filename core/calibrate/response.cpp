@@ -111,6 +111,15 @@ void check_images(const std::vector<cv::Mat1f>& images, size_t described, size_t
                 std::to_string(images.size()));
 }
 
+// The sums over phase steps are those of a harmonic only if the steps are equally spaced.
+void check_many_steps(const std::vector<cv::Mat1f>& images, const std::vector<double>& shifts_rad) {
+  check_images(images, shifts_rad.size(), 8);
+  if (!equally_spaced(shifts_rad))
+    throw Error(
+        "the " + std::to_string(shifts_rad.size()) +
+        " phase shifts are not equally spaced over one turn; use patterns with `steps: 12` or more, each shown once");
+}
+
 void require_pixels(int usable, const ResponseOptions& options, int clipped, int dark) {
   if (usable >= options.min_pixels) return;
   throw Error("only " + std::to_string(usable) + " pixels are usable: " + std::to_string(clipped) + " are saturated, " +
@@ -239,7 +248,7 @@ Response response_from_ramp(const std::vector<cv::Mat1f>& images, const std::vec
 Response response_from_fringes(const std::vector<cv::Mat1f>& images, const std::vector<double>& shifts_rad,
                                const SensorModel& sensor, const ResponseOptions& options) {
   check_options(options, "response");
-  check_images(images, shifts_rad.size(), 8);
+  check_many_steps(images, shifts_rad);
   // Histogram over the ideal level of the grey values minus the pixel's mean, divided by its modulation.
   constexpr int kBins = 64;
   std::vector<double> sum(kBins, 0), squares(kBins, 0), levels(kBins, 0), counts(kBins, 0);
@@ -282,7 +291,7 @@ PhaseCorrection phase_correction_from_fringes(const std::vector<cv::Mat1f>& imag
                                               const std::vector<double>& shifts_rad, int steps,
                                               const SensorModel& sensor, const ResponseOptions& options) {
   check_options(options, "response");
-  check_images(images, shifts_rad.size(), 8);
+  check_many_steps(images, shifts_rad);
   const size_t all = images.size(), few = static_cast<size_t>(steps);
   if (few < 3 || all % few != 0 || all == few)
     throw Error("a phase correction for " + std::to_string(steps) +

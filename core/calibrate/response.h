@@ -50,12 +50,13 @@ Response response_from_ramp(const std::vector<cv::Mat1f>& images, const std::vec
                             const SensorModel& sensor, const ResponseOptions& options);
 
 // Estimates the response from images (DN, H x W each) of one fringe period in N >= 8 equally spaced steps. Throws Error
-// if too few images, pixels or phases are available or the light decreases with the level.
+// if the steps are not equally spaced, too few images, pixels or phases are available or the light decreases with the level.
 Response response_from_fringes(const std::vector<cv::Mat1f>& images, const std::vector<double>& shifts_rad,
                                const SensorModel& sensor, const ResponseOptions& options);
 
 // Estimates the phase error of a `steps`-step measurement from N >= 8 equally spaced images, N a multiple of `steps`.
-// The phase of every (N / steps)-th image minus the N-step phase is averaged over pixels of equal phase.
+// The phase of every (N / steps)-th image minus the N-step phase is averaged over pixels of equal phase. Throws Error as
+// response_from_fringes() does.
 PhaseCorrection phase_correction_from_fringes(const std::vector<cv::Mat1f>& images,
                                               const std::vector<double>& shifts_rad, int steps,
                                               const SensorModel& sensor, const ResponseOptions& options);

@@ -511,8 +511,7 @@ void check_determined(const RigCalibration& calibration, double max_focal_sigma)
     const double relative = std::max(sigma.fx / lens.fx, sigma.fy / lens.fy);
     if (relative <= max_focal_sigma) return;
     throw Error(
-        "the views determine the " + device + "'s focal length only to " +
-        std::to_string(static_cast<int>(std::ceil(100 * relative))) +
+        "the views determine the " + device + "'s focal length only to " + rounded(std::ceil(100 * relative), 0) +
         " %; add views with the board tilted by 20 to 40 degrees in several directions and at several distances");
   };
   check("camera", calibration.rig.camera, calibration.camera_sigma);
@@ -599,9 +598,6 @@ RigCalibration calibrate_rig(const std::vector<BoardView>& views, const Board& b
   calibration.rig.camera = bundle.camera_lens();
   calibration.rig.projector = bundle.projector_lens();
   calibration.rig.projector_from_camera = bundle.relative();
-  calibration.camera_sigma = lens_sigmas(calibration.covariance, 0);
-  calibration.projector_sigma = lens_sigmas(calibration.covariance, kLens);
-  check_determined(calibration, options.max_focal_sigma);
   for (const size_t v : used) {
     calibration.views[v].continues = views[v].continues;
     Bundle others = bundle;
@@ -614,6 +610,7 @@ RigCalibration calibrate_rig(const std::vector<BoardView>& views, const Board& b
   widen_covariance(calibration);
   calibration.camera_sigma = lens_sigmas(calibration.covariance, 0);
   calibration.projector_sigma = lens_sigmas(calibration.covariance, kLens);
+  check_determined(calibration, options.max_focal_sigma);
   calibration.rotation_sigma_rad = calibration.covariance.diagonal().segment<3>(2 * kLens).cwiseSqrt();
   calibration.translation_sigma_m = calibration.covariance.diagonal().segment<3>(2 * kLens + 3).cwiseSqrt();
   double camera_squares = 0, projector_squares = 0;

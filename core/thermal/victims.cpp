@@ -2,6 +2,7 @@
 #include "core/thermal/victims.h"
 
 #include <algorithm>
+#include <cmath>
 #include <iterator>
 #include <map>
 #include <tuple>
@@ -40,13 +41,20 @@ size_t count_near(const Piece& a, const Piece& b, double distance_m) {
   }));
 }
 
+// Distance at which samples of two regions show the same surface. Those of large regions are farther apart than overlap_m.
+// The spacing of the smaller region's samples finds them, and is too small a part of its size to take in what lies beside it.
+double overlap_distance(const Piece& piece, double overlap_m) {
+  const auto samples = static_cast<double>(piece.points_m.size());
+  return std::max(overlap_m, std::sqrt(piece.region->area_m2 / samples));
+}
+
 // Regions of skin near each other belong to one victim, since debris may separate them. Other regions are one object
 // if two views saw the same surface.
 bool one_thing(const Piece& a, const Piece& b, const ThermalOptions& options) {
   if (a.region->candidate() && b.region->candidate()) return count_near(a, b, options.same_place_m) > 0;
   if (a.view == b.view) return false;
   const auto& [small, large] = a.region->area_m2 < b.region->area_m2 ? std::tie(a, b) : std::tie(b, a);
-  return 2 * count_near(small, large, options.overlap_m) > small.points_m.size();
+  return 2 * count_near(small, large, overlap_distance(small, options.overlap_m)) > small.points_m.size();
 }
 
 // Returns the object number of each region.

@@ -137,22 +137,36 @@ void judge(WarmRegion& region, const ThermalOptions& o) {
                                        100 * region.planar_share, 100 * pipe.share));
 }
 
+// Returns the distance of each pixel of `box` from the nearest marked one.
+cv::Mat1f distance_from(const std::vector<cv::Point>& marked, const cv::Rect& box) {
+  cv::Mat1b apart(box.size(), uchar{1});
+  for (const cv::Point& pixel : marked) apart(pixel - box.tl()) = 0;
+  cv::Mat1f distance_px;
+  cv::distanceTransform(apart, distance_px, cv::DIST_L2, cv::DIST_MASK_5);
+  return distance_px;
+}
+
 // Removes a pipe from `pixels` if it makes up a good part of them, and returns it, so that objects touching it are
-// classified separately.
+// classified separately. A pixel without a normal belongs to what is nearest in the image.
 std::vector<cv::Point> extract_pipe(const Frame& frame, std::vector<cv::Point>& pixels, const ThermalOptions& options) {
   constexpr double kLeastShare = 0.25;
-  std::vector<cv::Point> known;
+  std::vector<cv::Point> known, unknown;
   std::vector<SurfacePoint> patch;
   for (const cv::Point& pixel : pixels) {
     const Eigen::Vector3d normal = vector_of(frame.normals(pixel));
-    if (!normal.allFinite()) continue;
-    known.push_back(pixel);
-    patch.push_back({vector_of(frame.points_m(pixel)), normal});
+    (normal.allFinite() ? known : unknown).push_back(pixel);
+    if (normal.allFinite()) patch.push_back({vector_of(frame.points_m(pixel)), normal});
   }
   const std::vector<char> on_pipe = find_long_pipe(patch, kLeastShare, options);
   if (on_pipe.empty()) return {};
   std::vector<cv::Point> pipe, rest;
   for (size_t i = 0; i < known.size(); ++i) (on_pipe[i] ? pipe : rest).push_back(known[i]);
+  const cv::Rect box = cv::boundingRect(pixels);
+  const cv::Mat1f from_pipe = distance_from(pipe, box), from_rest = distance_from(rest, box);
+  for (const cv::Point& pixel : unknown) {
+    const cv::Point at = pixel - box.tl();
+    (from_pipe(at) < from_rest(at) ? pipe : rest).push_back(pixel);
+  }
   pixels = std::move(rest);
   return pipe;
 }

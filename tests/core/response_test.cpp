@@ -247,6 +247,16 @@ TEST(ResponseErrors, SayWhatIsWrongWithTheImages) {
   const Fringes ten = fringes(10, false);
   EXPECT_THAT(error_of([&] { phase_correction_from_fringes(ten.images, ten.shifts, 3, sensor(), {}); }),
               HasSubstr("requires a larger multiple"));
+  // Three shifts shown three times are no nine steps.
+  Fringes thrice = fringes(3, false);
+  for (size_t k = 0; k < 6; ++k) {
+    thrice.images.push_back(thrice.images[k].clone());
+    thrice.shifts.push_back(thrice.shifts[k]);
+  }
+  EXPECT_THAT(error_of([&] { response_from_fringes(thrice.images, thrice.shifts, sensor(), {}); }),
+              HasSubstr("the 9 phase shifts are not equally spaced"));
+  EXPECT_THAT(error_of([&] { phase_correction_from_fringes(thrice.images, thrice.shifts, 3, sensor(), {}); }),
+              HasSubstr("the 9 phase shifts are not equally spaced"));
 }
 
 }  // namespace

@@ -188,22 +188,28 @@ TEST(CalibrateRig, ErrorsStayWithinTheCovariance) {
   EXPECT_LT(baseline, 2.5);
 }
 
-// Errors that all corners of a view share, here a projector that drifts by 0.5 px from view to view, do not average over
-// the corners. The sigmas must show it.
+// Views of a projector that drifts by 0.5 px from one to the next.
+std::vector<BoardView> drifting_views(const RigModel& rig, Random& random) {
+  std::vector<BoardView> views;
+  for (const Pose& pose : board_poses(10, 35, random)) {
+    RigModel drifted = rig;
+    drifted.projector.cx += 0.5 * random.normal();
+    drifted.projector.cy += 0.5 * random.normal();
+    views.push_back(view_of(drifted, pose, "view", 0.02, random));
+  }
+  return views;
+}
+
+// Errors that all corners of a view share, here by a drift, do not average over the corners. The sigmas must show it.
 TEST(CalibrateRig, CommonErrorsOfAViewWidenTheCovariance) {
   const RigModel rig = true_rig();
   Random random(6);
   constexpr int kTrials = 10;
+  RigCalibrationOptions any;
+  any.max_focal_sigma = 1;
   double narrow = 0, wide = 0, factor = 0;
   for (int trial = 0; trial < kTrials; ++trial) {
-    std::vector<BoardView> views;
-    for (const Pose& pose : board_poses(10, 35, random)) {
-      RigModel drifted = rig;
-      drifted.projector.cx += 0.5 * random.normal();
-      drifted.projector.cy += 0.5 * random.normal();
-      views.push_back(view_of(drifted, pose, "view", 0.02, random));
-    }
-    const RigCalibration result = calibrate_rig(views, board(), rig, {});
+    const RigCalibration result = calibrate_rig(drifting_views(rig, random), board(), rig, any);
     const Pinhole &found = result.rig.projector, &truth = rig.projector;
     const double error = std::pow((found.fx - truth.fx) / result.projector_sigma.fx, 2) +
                          std::pow((found.cx - truth.cx) / result.projector_sigma.cx, 2) +
@@ -215,6 +221,24 @@ TEST(CalibrateRig, CommonErrorsOfAViewWidenTheCovariance) {
   EXPECT_GT(factor, 1.5);
   EXPECT_GT(narrow, 3);
   EXPECT_LT(wide, 2.5);
+}
+
+// The sigma that decides is the reported one, which contains the disagreement of the views.
+TEST(CalibrateRig, TheReportedSigmaOfTheFocalLengthIsLimited) {
+  const RigModel rig = true_rig();
+  Random random(6);
+  const std::vector<BoardView> views = drifting_views(rig, random);
+  RigCalibrationOptions options;
+  options.max_focal_sigma = 1;
+  const RigCalibration result = calibrate_rig(views, board(), rig, options);
+  ASSERT_GT(result.covariance_factor, 1.1);
+  const Pinhole &camera = result.rig.camera, &projector = result.rig.projector;
+  options.max_focal_sigma =
+      std::max({result.camera_sigma.fx / camera.fx, result.camera_sigma.fy / camera.fy,
+                result.projector_sigma.fx / projector.fx, result.projector_sigma.fy / projector.fy});
+  EXPECT_EQ(error_of([&] { calibrate_rig(views, board(), rig, options); }), "no Error was thrown");
+  options.max_focal_sigma *= 0.99;
+  EXPECT_THAT(error_of([&] { calibrate_rig(views, board(), rig, options); }), HasSubstr("focal length only to "));
 }
 
 TEST(CalibrateRig, WeakSetsAreFlagged) {

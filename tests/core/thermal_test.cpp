@@ -226,6 +226,30 @@ TEST(WarmRegions, ACylinderIsAPipe) {
   EXPECT_EQ(largest(view).kind, WarmKind::pipe) << largest(view).reason;
 }
 
+// A pipe half sunk into a plate of the same temperature is a region of its own. Each keeps its pixels without a normal.
+TEST(WarmRegions, PixelsWithoutANormalStayWithWhatTheyLieOn) {
+  const RigModel rig = thermal_rig();
+  const World world{
+      support::nearest_of({plate({-0.02, 0, 0.98}, 0.09, 0.04), cylinder({-0.02, 0, 0.99}, {1, 0, 0}, 0.02, 0.16)})};
+  Frame frame = frame_of(world.all(), rig);
+  const cv::Rect on_pipe(53, 60, 6, 4), on_plate(53, 76, 6, 4);
+  for (const cv::Rect& part : {on_pipe, on_plate})
+    frame.normals(part).setTo(cv::Scalar::all(std::numeric_limits<double>::quiet_NaN()));
+  ThermalOptions options;
+  options.crease_radius_m = 1e-4;  // the crease between them does not separate them
+  const WarmView view =
+      find_warm_regions(frame, register_thermal(frame.points_m, world.thermal(rig), rig, options), rig, options);
+  const auto region_of = [&](const cv::Rect& part) {
+    const int beside = view.regions(part.y, part.x - 4);
+    EXPECT_EQ(cv::countNonZero(view.regions(part) != beside), 0) << part;
+    return beside;
+  };
+  const int pipe = region_of(on_pipe), flat = region_of(on_plate);
+  ASSERT_TRUE(pipe >= 0 && flat >= 0);
+  EXPECT_EQ(view.list[static_cast<size_t>(pipe)].kind, WarmKind::pipe);
+  EXPECT_EQ(view.list[static_cast<size_t>(flat)].kind, WarmKind::flat);
+}
+
 // Two warm spheres adjacent in the image, one far behind the other.
 TEST(WarmRegions, AStepInDepthEndsARegion) {
   const RigModel rig = thermal_rig();
@@ -333,6 +357,32 @@ TEST(Merging, MostOfWhatWasSeenDecides) {
   EXPECT_TRUE(decide(0.006, 0.004).victim);
   EXPECT_FALSE(decide(0.003, 0.006).victim);
   EXPECT_EQ(decide(0.003, 0.006).reason, "pipe");
+}
+
+// A square region perpendicular to z, of which an even grid of 64 points is known: `within` 0 to 1 places them in its cells.
+WarmRegion square_region(const Eigen::Vector3d& corner_m, double side_m, WarmKind kind, double within = 0.5) {
+  constexpr int kPoints = 8;
+  WarmRegion region = region_at(corner_m, kind, side_m * side_m);
+  region.points_m.clear();
+  for (int i = 0; i < kPoints; ++i) {
+    for (int k = 0; k < kPoints; ++k)
+      region.points_m.push_back(corner_m + side_m / kPoints * Eigen::Vector3d(i + within, k + within, 0));
+  }
+  return region;
+}
+
+// The points of a large region are 5 cm apart, so those of another view lie up to 3.5 cm from the nearest one.
+TEST(Merging, LargeThingsAreOneThoughTheirPointsAreFarApart) {
+  const auto count = [](const WarmRegion& first, const WarmRegion& second) {
+    return merge_regions({{0, {}, {first}}, {1, {}, {second}}}, {}).size();
+  };
+  const WarmRegion wall = square_region({0, 0, 1}, 0.4, WarmKind::too_large);
+  EXPECT_EQ(count(wall, square_region({0, 0, 1}, 0.4, WarmKind::too_large, 0)), 1u);
+  EXPECT_EQ(count(wall, square_region({0.03, 0, 1}, 0.34, WarmKind::skin, 0)), 1u);
+  // Beside it, touching or 10 cm apart, and a hand 4 cm in front of it.
+  EXPECT_EQ(count(wall, square_region({0.4, 0, 1}, 0.4, WarmKind::too_large, 0)), 2u);
+  EXPECT_EQ(count(wall, square_region({0.5, 0, 1}, 0.4, WarmKind::too_large, 0)), 2u);
+  EXPECT_EQ(count(wall, square_region({0.15, 0.15, 0.96}, 0.1, WarmKind::skin)), 2u);
 }
 
 TEST(Merging, ThingsApartStayApart) {

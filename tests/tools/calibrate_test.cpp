@@ -148,6 +148,13 @@ TEST_F(Calibrate, ResponseRefusesSeveralExposures) {
   EXPECT_EQ(refused.exit_code, 2);
   EXPECT_THAT(refused.err, HasSubstr("its patterns have several exposures, which look like phase steps"));
   EXPECT_FALSE(test::fs::exists(temp_ / "none"));
+  // Without their exposures, they are three shifts shown three times.
+  PatternSequence sequence = read_patterns(temp_ / "bracketed/patterns.yaml");
+  for (Pattern& pattern : sequence.patterns) pattern.exposure = 1;
+  test::write_bytes(temp_ / "bracketed/patterns.yaml", to_yaml(sequence));
+  const auto uneven = run_program({"calibrate", "response", dataset, "--out", at("none")});
+  EXPECT_EQ(uneven.exit_code, 2);
+  EXPECT_THAT(uneven.err, HasSubstr("steps of several periods, all equally spaced"));
 }
 
 // The usual sequence shows the response, too. Without it, the images seem to be of a moving camera; with it, they are mapped.
