@@ -221,7 +221,8 @@ struct Surfaces::Impl {
       if (!has(lanes, i)) continue;
       const auto upward = static_cast<float>(hits.normal.at(i).dot(dust.up));
       const float thickness = static_cast<float>(dust.cover) * smoothstep(least, 1, upward);
-      const float covered = std::clamp(thickness * (1.5f + 0.5f * patches.value[i]), 0.0f, 1.0f);
+      // The noise has zero mean, so that its mean is the thickness.
+      const float covered = thickness + patches.value[i] * std::min(thickness / 3, 1 - thickness);
       result.albedo[i] += covered * (static_cast<float>(dust.albedo) - result.albedo[i]);
       result.reflectance[i] *= 1 - covered;
       result.dust_cover[i] = covered;

@@ -39,6 +39,22 @@ TEST(Dust, CoversWhatFacesUpAndLeavesWhatIsSteep) {
   EXPECT_NEAR(brightness(clean, effects), 0.1, 1e-4);
 }
 
+// The mean over many patches, none of which is covered more than completely.
+TEST(Dust, CoversTheStatedShareOfLevelSurfaces) {
+  constexpr double kBare = 0.1, kDust = 0.5;
+  for (const double cover : {0.2, 0.5, 0.75, 0.9}) {
+    Scene scene = tilted_board(0);
+    scene.dust.cover = cover;
+    const auto image = [&](const Effects& effects) { return lux_of(scene, {constant_pattern(1)}, 4, effects)[0]; };
+    cv::Mat albedo;
+    cv::divide(image(only(&Effects::dust)), image(Effects::none()), albedo, kBare);
+    EXPECT_NEAR((cv::mean(albedo)[0] - kBare) / (kDust - kBare), cover, 0.03) << cover;
+    double most = 0;
+    cv::minMaxLoc(albedo, nullptr, &most);
+    EXPECT_LE(most, kDust + 1e-3) << cover;
+  }
+}
+
 TEST(Dust, TakesTheGlossOffAMetal) {
   Scene scene = tilted_board(0);
   scene.objects[0].material.albedo = 0.8;
