@@ -131,7 +131,7 @@ class BlockRenderer {
     }
     float shares[kPacket];
     if (indirect_) {
-      // The weights are means over all samples, so the irradiance is that of the samples that see a surface.
+      // The weights are means over all samples, so the irradiance is that of the samples that receive light.
       for (int i = 0; i < kPacket; ++i) shares[i] = 1.0f / static_cast<float>(std::max(1, guided_[i]));
       hand_over(*indirect_, soft_sums_, soft_steady_, shares);
     }
@@ -185,12 +185,12 @@ class BlockRenderer {
 
   // Records the guides for smoothing: mean weight of indirect light, and normal and position of the surface; normal and
   // position are those of the last sample.
-  void record_guides(IndirectLightBuffer& indirect, const HitPacket& hits, const float* weight) const {
+  void record_guides(IndirectLightBuffer& indirect, const HitPacket& hits, LaneMask lanes, const float* weight) const {
     for (int i = 0; i < kPacket; ++i) {
       if (!has(inside_, i)) continue;
       const size_t pixel = pixel_[i];
       indirect.albedo[pixel] += weight[i] / static_cast<float>(r_.rays_->per_pixel);
-      if (!has(hits.hit, i)) continue;
+      if (!has(lanes, i)) continue;
       indirect.normal[pixel] = hits.normal.at(i).cast<float>();
       indirect.position[pixel] = hits.point.at(i).cast<float>();
     }
@@ -345,11 +345,14 @@ class BlockRenderer {
     } else {
       if (indirect_) {
         alignas(64) float matt[kPacket];
+        LaneMask receiving = 0;  // black surfaces send no paths, so their irradiance is unknown
         for (int i = 0; i < kPacket; ++i) {
           matt[i] = has(hits.hit, i) ? weight[i] * surface.albedo[i] : 0;
-          guided_[i] += has(hits.hit, i);
+          const bool receives = has(hits.hit, i) && surface.albedo[i] > 0;
+          receiving |= LaneMask{receives} << i;
+          guided_[i] += receives;
         }
-        record_guides(*indirect_, hits, matt);
+        record_guides(*indirect_, hits, receiving, matt);
       }
       follow_paths(station, sample, hits, surface, to_viewer, weight);
     }
@@ -360,7 +363,7 @@ class BlockRenderer {
       if (veil_) {
         alignas(64) float whole[kPacket];
         std::fill_n(whole, kPacket, 1.0f);
-        record_guides(*veil_, hits, whole);
+        record_guides(*veil_, hits, hits.hit, whole);
       }
       scatter_in_air(station, sample, rays, hits, to_viewer, length);
     }
@@ -777,7 +780,7 @@ class BlockRenderer {
   // Same for indirect light that will be smoothed, as irradiance; and the lanes whose current path carries such light.
   std::vector<float> soft_sums_;
   alignas(64) float soft_steady_[kPacket];
-  int guided_[kPacket];  // samples that see a surface
+  int guided_[kPacket];  // samples whose indirect light is known
   LaneMask soft_ = 0;
   std::vector<float> veil_sums_;
   alignas(64) float indirect_light_[kPacket];  // in `sums_`, summed over the patterns; kept if shares are required

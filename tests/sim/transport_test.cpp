@@ -174,6 +174,26 @@ TEST(Interreflection, SharingKeepsTheLightOfSilhouettes) {
   EXPECT_GT(partly, 50);
 }
 
+// White print beside black ink, of which a pixel sees parts: the light of the white is unaffected.
+TEST(Interreflection, SharingKeepsTheLightBesideBlackSurfaces) {
+  std::vector<Object> objects = {grey_object(plane_mesh(1, 1), pose_from({{0, 0, 1000}, {0, 0, 17}}), 0)};
+  for (int i = -8; i <= 8; ++i)
+    objects.push_back(grey_object(plane_mesh(0.012, 0.6), pose_from({{30.0 * i, 0, 999.99}, {0, 0, 17}}), 0.6));
+  Scene scene = world_of(objects, coaxial_rig());
+  scene.ambient_lux = 500;
+  scene.bounces = 2;
+  Effects effects = with_paths(&Effects::interreflection, 4);
+  const cv::Mat1f plain = lux_of(scene, {constant_pattern(0)}, 16, effects)[0];
+  effects.share_paths = true;
+  const cv::Mat1f shared = lux_of(scene, {constant_pattern(0)}, 16, effects)[0];
+  int partly = 0;
+  for (int i = 0; i < plain.rows * plain.cols; ++i) {
+    ASSERT_NEAR(shared(i), plain(i), 1e-3f) << i;
+    partly += plain(i) > 1 && plain(i) < 299;
+  }
+  EXPECT_GT(partly, 50);
+}
+
 // --- air ---
 
 TEST(Air, ABoardFadesByBeerAndLambert) {
