@@ -1,12 +1,13 @@
 // SPDX-License-Identifier: Apache-2.0
 // Prints the rows of the benchmark: id, value, n, 95 % interval, limit, verdict. Exit status: 0 if all rows pass, 1 if
-// one fails, 2 if the measurement could not run.
+// one fails, 2 if the measurement could not run or a row of --only could not be measured.
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <charconv>
 #include <cmath>
 #include <cstdio>
 #include <fstream>
+#include <iterator>
 #include <nlohmann/json.hpp>
 
 #include "bench/row.h"
@@ -21,12 +22,6 @@
 
 namespace fringeslam::bench {
 namespace {
-
-// True if `wanted` selects the id: "pose" selects "pose", "pose.bound", …
-bool selects(const std::string& wanted, const std::string& id) {
-  return id == wanted ||
-         (id.size() > wanted.size() && id.compare(0, wanted.size(), wanted) == 0 && id[wanted.size()] == '.');
-}
 
 bool selected(const std::vector<std::string>& only, const std::string& id) {
   return only.empty() || std::any_of(only.begin(), only.end(), [&](const auto& wanted) { return selects(wanted, id); });
@@ -81,17 +76,21 @@ std::vector<Row> measured(const Item& item, const Context& context) {
   return rows;
 }
 
-int run(const std::vector<std::string>& only, const std::string& json_file, const Context& context,
+// `must_measure`: rows that cannot be measured here make the run fail, instead of being skipped.
+int run(const std::vector<std::string>& only, bool must_measure, const std::string& json_file, const Context& context,
         const std::vector<Item>& items, const std::vector<Row>& baseline) {
   check_names(only, items);
   nlohmann::ordered_json json = nlohmann::ordered_json::array();
   std::vector<Row> rows;
+  std::vector<std::string> chosen;
   const bool table = json_file != "-";
   bool all_pass = true;
   for (const Item& item : items) {
     if (only.empty() && item.on_request) continue;
     if (std::none_of(item.ids.begin(), item.ids.end(), [&](const auto& id) { return selected(only, id); })) continue;
     std::fprintf(stderr, "measuring %s\n", item.what.c_str());
+    std::copy_if(item.ids.begin(), item.ids.end(), std::back_inserter(chosen),
+                 [&](const std::string& id) { return selected(only, id); });
     for (Row row : measured(item, context)) {
       if (!selected(only, row.id)) continue;
       if (table) print(row);
@@ -104,7 +103,11 @@ int run(const std::vector<std::string>& only, const std::string& json_file, cons
     std::printf("%s\n", json_text(json, 2).c_str());
   else if (!json_file.empty())
     write_text(json_file, json_text(json, 2) + "\n");
-  return compare(rows, baseline) == 0 && all_pass ? 0 : 1;
+  const std::vector<std::string> missing = ids_without_row(chosen, rows);
+  for (const std::string& id : missing) std::fprintf(stderr, "%s was not measured\n", id.c_str());
+  const int worse = compare(rows, baseline);
+  if (must_measure && !missing.empty()) return 2;
+  return worse == 0 && all_pass ? 0 : 1;
 }
 
 }  // namespace
@@ -184,7 +187,10 @@ int main(int argc, char** argv) {
       only = rows.rows;
       context.quick |= rows.quick;
     }
-    return run(only, json_file, context, items, baseline.empty() ? std::vector<Row>() : read_baseline(baseline));
+    // A suite, as a run of all rows, skips captures that are not on this machine.
+    const bool must_measure = suite.empty() && !only.empty();
+    return run(only, must_measure, json_file, context, items,
+               baseline.empty() ? std::vector<Row>() : read_baseline(baseline));
   } catch (const std::exception& e) {
     std::fprintf(stderr, "bench: %s\n", e.what());
     return 2;

@@ -7,6 +7,7 @@
 #include <map>
 #include <utility>
 
+#include "bench/pose_judge.h"
 #include "core/decode/stack_motion.h"
 #include "core/score/score.h"
 #include "core/types/linear_algebra.h"
@@ -137,10 +138,9 @@ MovingRun moving_run(const sim::Scene& scene, const MovingRunOptions& options) {
     const Pose true_pose = (reference.truth.world_from_robot * mount).inverse() * view.truth.world_from_robot * mount;
     const Pose& found = result.registration.earlier_from_current;
     const Vector6d error = difference(found, true_pose);
-    const Eigen::Vector3d middle(0, 0, rig.middle_range_m());
     scored.has_pose = true;
     scored.baseline_m = true_pose.translation.norm();
-    scored.off_m = (found * middle - true_pose * middle).norm();
+    scored.off_m = displacement_m(found, true_pose, rig);
     scored.sigmas = std::sqrt(error.dot(solve_symmetric(result.covariance, error)));
     if (options.bound)
       scored.over_bound = error_over_bound(found, true_pose,

@@ -20,7 +20,7 @@ struct MovingView {
   bool keyframe = false;
   bool has_pose = false;      // registered with a keyframe; the following fields are set
   double baseline_m = 0;      // distance of the camera from that of the keyframe
-  double off_m = 0;           // displacement of the pose at the middle of the sensor's range
+  double off_m = 0;           // largest displacement of points of the view (bench/pose_judge.h)
   double sigmas = 0;          // Mahalanobis distance of the pose error; its square is the NEES
   double over_bound = NAN;    // error relative to the Cramer-Rao bound; NaN unless requested
   double depth_m = NAN;       // median absolute depth error; NaN if no pixel was reconstructed

@@ -1,23 +1,24 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "bench/pose_judge.h"
 
-#include <algorithm>
 #include <cmath>
 #include <cstdio>
+#include <vector>
 
+#include "bench/row.h"
 #include "core/types/linear_algebra.h"
 
 namespace fringeslam::bench {
 
 double displacement_m(const Pose& found, const Pose& truth, const RigModel& rig) {
   const Pinhole& camera = rig.camera;
-  const double z = 0.5 * (rig.near_m + rig.far_m);
+  const double z = rig.middle_range_m();
   const double x = z * 0.5 * camera.width / camera.fx, y = z * 0.5 * camera.height / camera.fy;
-  double largest = 0;
+  std::vector<double> distances_m;
   for (const Eigen::Vector3d& point : {Eigen::Vector3d(0, 0, z), Eigen::Vector3d(x, y, z), Eigen::Vector3d(-x, y, z),
                                        Eigen::Vector3d(x, -y, z), Eigen::Vector3d(-x, -y, z)})
-    largest = std::max(largest, (found * point - truth * point).norm());
-  return largest;
+    distances_m.push_back((found * point - truth * point).norm());
+  return greatest_of(distances_m);
 }
 
 Count& Count::operator+=(const Count& other) {

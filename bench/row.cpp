@@ -1,6 +1,9 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "bench/row.h"
 
+#include <algorithm>
+#include <cmath>
+
 #include "core/score/score.h"
 
 namespace fringeslam::bench {
@@ -25,6 +28,22 @@ Row bound_row(const std::string& id, double value, int n, const std::string& uni
   Row row = median_row(id, {value}, unit, limit, direction);
   row.n = n;
   return row;
+}
+
+Row wrong_row(const std::string& id, int wrong, int judged, const std::string& unit) {
+  return bound_row(id, judged > 0 ? static_cast<double>(wrong) : NAN, judged, unit, 0, Limit::most);
+}
+
+double least_of(const std::vector<double>& values) {
+  const bool known =
+      !values.empty() && std::none_of(values.begin(), values.end(), [](double v) { return std::isnan(v); });
+  return known ? *std::min_element(values.begin(), values.end()) : NAN;
+}
+
+double greatest_of(const std::vector<double>& values) {
+  std::vector<double> negated;
+  for (const double value : values) negated.push_back(-value);
+  return -least_of(negated);
 }
 
 }  // namespace fringeslam::bench

@@ -47,6 +47,13 @@ Row median_row(const std::string& id, const std::vector<double>& values, const s
 // Returns a single value, such as an extreme of n samples, without an interval.
 Row bound_row(const std::string& id, double value, int n, const std::string& unit, double limit, Limit direction);
 
+// Returns the number of wrong results among `judged`, of which none may be wrong; NaN, which fails, if none was judged.
+Row wrong_row(const std::string& id, int wrong, int judged, const std::string& unit);
+
+// Least and greatest value; NaN, which no limit accepts, if one is NaN or there are none.
+double least_of(const std::vector<double>& values);
+double greatest_of(const std::vector<double>& values);
+
 std::vector<Item> accuracy_items();
 std::vector<Item> calibration_items();
 std::vector<Item> capture_items();

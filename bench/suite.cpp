@@ -2,6 +2,8 @@
 #include "bench/suite.h"
 
 #include <algorithm>
+#include <cmath>
+#include <iterator>
 #include <nlohmann/json.hpp>
 
 #include "core/io/files.h"
@@ -29,6 +31,19 @@ Suite read_suite(const fs::path& folder, const std::string& name) {
   return suite;
 }
 
+bool selects(const std::string& wanted, const std::string& id) {
+  return id == wanted ||
+         (id.size() > wanted.size() && id.compare(0, wanted.size(), wanted) == 0 && id[wanted.size()] == '.');
+}
+
+std::vector<std::string> ids_without_row(const std::vector<std::string>& ids, const std::vector<Row>& rows) {
+  std::vector<std::string> without;
+  std::copy_if(ids.begin(), ids.end(), std::back_inserter(without), [&](const std::string& id) {
+    return std::none_of(rows.begin(), rows.end(), [&](const Row& row) { return selects(id, row.id); });
+  });
+  return without;
+}
+
 nlohmann::ordered_json to_json(const Row& row) {
   nlohmann::ordered_json json = {{"id", row.id},
                                  {"value", row.value},
@@ -49,14 +64,16 @@ std::vector<Row> read_baseline(const fs::path& file) {
   if (!fs::is_regular_file(file)) throw Error(file.string() + ": does not exist; write one by --json " + file.string());
   const auto json = nlohmann::json::parse(read_bytes(file), nullptr, false);
   std::vector<Row> rows;
+  // JSON has no NaN, the value of a row that had nothing to compare.
+  const auto number = [](const nlohmann::json& value) { return value.is_null() ? NAN : value.get<double>(); };
   try {
     for (const auto& entry : json) {
       Row row;
       row.id = entry.at("id");
-      row.value = entry.at("value");
+      row.value = number(entry.at("value"));
       row.n = entry.at("n");
-      row.interval_low = entry.at("interval_95").at(0);
-      row.interval_high = entry.at("interval_95").at(1);
+      row.interval_low = number(entry.at("interval_95").at(0));
+      row.interval_high = number(entry.at("interval_95").at(1));
       if (entry.contains("yardstick")) {
         row.yardstick = entry.at("yardstick");
         row.scaled = entry.at("scaled");

@@ -20,6 +20,12 @@ struct Suite {
 // Throws Error listing the available suites if there is no such suite.
 Suite read_suite(const std::filesystem::path& folder, const std::string& name);
 
+// True if `wanted` selects the id: "pose" selects "pose", "pose.bound", …
+bool selects(const std::string& wanted, const std::string& id);
+
+// Returns the ids that select none of the rows.
+std::vector<std::string> ids_without_row(const std::vector<std::string>& ids, const std::vector<Row>& rows);
+
 nlohmann::ordered_json to_json(const Row& row);
 
 // Reads the rows of an earlier --json FILE. Throws Error with file:line.

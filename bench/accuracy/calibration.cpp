@@ -57,6 +57,7 @@ DepthBias depth_bias(const RigModel& truth, const RigModel& estimate) {
   const int width = true_rays.cols;
   std::vector<float> column(width), sigma(width, 1e-6f), depth(width), depth_sigma(width);
   DepthBias bias;
+  std::vector<double> means_m;
   std::vector<Eigen::Vector3d> true_points, points;
   for (int k = 0; k < kDepths; ++k) {
     const double z = truth.near_m + (truth.far_m - truth.near_m) * k / (kDepths - 1);
@@ -80,8 +81,9 @@ DepthBias depth_bias(const RigModel& truth, const RigModel& estimate) {
         ++count;
       }
     }
-    bias.mean_m = std::max(bias.mean_m, std::abs(sum / count));
+    means_m.push_back(std::abs(sum / count));
   }
+  bias.mean_m = greatest_of(means_m);
   const Pose alignment = align_points(true_points, points);
   double squares = 0;
   for (size_t i = 0; i < points.size(); ++i) squares += (alignment * points[i] - true_points[i]).squaredNorm();
@@ -141,16 +143,16 @@ std::vector<Row> rig_nees_rows(const Context& context) {
                           variances = calibration.covariance.diagonal();
     estimated = variances;
     for (Eigen::Index i = 0; i < errors.size(); ++i) {
-      if (variances[i] > 0) bias[i] += errors[i] / std::sqrt(variances[i]) / sets;
-      if (variances[i] > 0) sum[i] += errors[i] * errors[i] / variances[i] / sets;
+      if (variances[i] == 0) continue;  // kept fixed
+      bias[i] += errors[i] / std::sqrt(variances[i]) / sets;
+      sum[i] += errors[i] * errors[i] / variances[i] / sets;
     }
     factors += calibration.covariance_factor / sets;
   }
-  double least = 1e9, greatest = 0;
+  std::vector<double> nees;
   for (Eigen::Index i = 0; i < sum.size(); ++i) {
-    if (!(estimated[i] > 0)) continue;
-    least = std::min(least, sum[i]);
-    greatest = std::max(greatest, sum[i]);
+    if (estimated[i] == 0) continue;
+    nees.push_back(sum[i]);
     std::fprintf(stderr, "  parameter %ld: NEES %.2f, mean error %.2f sigmas\n", static_cast<long>(i), sum[i], bias[i]);
   }
   std::fprintf(stderr, "  mean factor on the covariance's sigmas %.2f\n", factors);
@@ -158,8 +160,8 @@ std::vector<Row> rig_nees_rows(const Context& context) {
     const double spread = 2 / (9.0 * sets);
     return std::pow(1 - spread + normal * std::sqrt(spread), 3);
   };
-  return {bound_row("calibration.rig.nees.least", least, sets, "(1)", quantile(-3.05), Limit::least),
-          bound_row("calibration.rig.nees.greatest", greatest, sets, "(1)", quantile(3.05), Limit::most)};
+  return {bound_row("calibration.rig.nees.least", least_of(nees), sets, "(1)", quantile(-3.05), Limit::least),
+          bound_row("calibration.rig.nees.greatest", greatest_of(nees), sets, "(1)", quantile(3.05), Limit::most)};
 }
 
 // Sensor-to-stage calibration: errors, and the error squared normalized by the covariance (expected value 6 for six

@@ -198,9 +198,8 @@ std::vector<Row> sigma_rows(const Context&) {
   const Measurement boards = measured(kBoardsCalibrated);
   for (size_t i = 0; i < boards.stacks.size(); ++i) add(("board " + std::to_string(i + 1)).c_str(), boards, i);
   const int n = static_cast<int>(ratios.size());
-  return {
-      bound_row("captures.sigma.least", *std::min_element(ratios.begin(), ratios.end()), n, "x", 0.9, Limit::least),
-      bound_row("captures.sigma.greatest", *std::max_element(ratios.begin(), ratios.end()), n, "x", 1.1, Limit::most)};
+  return {bound_row("captures.sigma.least", least_of(ratios), n, "x", 0.9, Limit::least),
+          bound_row("captures.sigma.greatest", greatest_of(ratios), n, "x", 1.1, Limit::most)};
 }
 
 // --- boards left out of the calibration ---
@@ -279,7 +278,7 @@ std::vector<Row> twin_rows(const Context&) {
   const std::vector<std::pair<std::string, Measurement>> captures = {
       {"skull_2x3", skull}, {"skull_gray", measured(kSkullGray, skull.rig.sensor)}, {"relief", measured(kRelief)}};
   const fs::path folder = fs::temp_directory_path() / ("fringeslam-twin-" + std::to_string(std::random_device{}()));
-  double least = 1e9, greatest = 0;
+  std::vector<double> ratios;
   for (const auto& [name, capture] : captures) {
     fs::create_directories(folder);
     const twin::Twin made = twin::make_twin(capture.stacks[0], capture.rig, name, folder, [] {});
@@ -288,13 +287,13 @@ std::vector<Row> twin_rows(const Context&) {
       std::fprintf(stderr, "  %s, %s: real %.4g, simulated %.4g %s\n", name.c_str(), c.name.c_str(), c.real,
                    c.simulated, c.unit.c_str());
       if (c.name != "phase noise" && c.name != "depth scatter") continue;
-      least = std::min(least, c.simulated / c.real);
-      greatest = std::max(greatest, c.simulated / c.real);
+      ratios.push_back(c.simulated / c.real);
     }
     fs::remove_all(folder);
   }
-  return {bound_row("captures.twin.least", least, 6, "x", 0.9, Limit::least),
-          bound_row("captures.twin.greatest", greatest, 6, "x", 1.1, Limit::most)};
+  const int n = static_cast<int>(ratios.size());
+  return {bound_row("captures.twin.least", least_of(ratios), n, "x", 0.9, Limit::least),
+          bound_row("captures.twin.greatest", greatest_of(ratios), n, "x", 1.1, Limit::most)};
 }
 
 // --- mistakes ---

@@ -59,8 +59,7 @@ std::vector<Row> depth_rows(const Context& context) {
                                   {"about z", {0, 0, 0}, {0, 0, 1}}};
   constexpr double kSpeed_m_s = 0.3, kTurn_rad_s = 20 * kRadPerDeg;
   const double duration_s = context.quick ? 0.4 : 0.6;
-  double worst = 0;
-  int compared = 0;
+  std::vector<double> ratios;
   for (const char* name : {"loop", "rubble_pile"}) {
     const auto measured = [&](const Vector3d& velocity, const Vector3d& axis) {
       return moving_run(
@@ -81,11 +80,10 @@ std::vector<Row> depth_rows(const Context& context) {
                    name, direction.name, run.views.size(), run.lost(), depths.size(),
                    depths.empty() ? NAN : 1e3 * median_of(depths), ratio, median_depth_sigmas(run),
                    off.empty() ? NAN : 1e3 * median_of(off));
-      worst = std::max(worst, ratio);
-      ++compared;
+      ratios.push_back(ratio);
     }
   }
-  return {bound_row("moving.depth", worst, compared, "x", 1.3, Limit::most)};
+  return {bound_row("moving.depth", greatest_of(ratios), static_cast<int>(ratios.size()), "x", 1.3, Limit::most)};
 }
 
 // --- poses along the loop ---
@@ -239,8 +237,7 @@ std::vector<Row> blur_rows(const Context&) {
     print(name, run);
     ratios.push_back(depth_m / first_m);
   }
-  return {bound_row("moving.blur", *std::max_element(ratios.begin(), ratios.end()), static_cast<int>(ratios.size()),
-                    "x", 1.5, Limit::most)};
+  return {bound_row("moving.blur", greatest_of(ratios), static_cast<int>(ratios.size()), "x", 1.5, Limit::most)};
 }
 
 // --- moving.vibration ---
@@ -289,7 +286,7 @@ void drop_image(FringeStack& stack, size_t image) {
 std::vector<Row> wrong_rows(const Context& context) {
   constexpr double kSigmas = 10, kOff_m = 1e-3;
   const int motions = std::min(context.quick ? 20 : 1000, context.last_case);
-  int wrong = 0, views = 0, lost = 0;
+  int wrong = 0, posed = 0, views = 0, lost = 0;
   std::array<int, 4> wrong_of{}, lost_of{}, views_of{};
   int done = 0;
   const auto began = std::chrono::steady_clock::now();
@@ -344,7 +341,8 @@ std::vector<Row> wrong_rows(const Context& context) {
     }
     const MovingRun run = moving_run(scene, options);
     for (const MovingView& v : run.views) {
-      if (v.has_pose && !(v.sigmas <= kSigmas) && v.off_m > kOff_m) {
+      posed += v.has_pose;
+      if (v.has_pose && !(v.sigmas <= kSigmas) && !(v.off_m <= kOff_m)) {
         ++wrong;
         ++wrong_of[static_cast<size_t>(kind)];
         std::fprintf(
@@ -366,7 +364,8 @@ std::vector<Row> wrong_rows(const Context& context) {
   for (size_t i = 0; i < wrong_of.size(); ++i)
     std::fprintf(stderr, "  %-13s: %d views, %d lost, %d confidently wrong\n", kinds[i], views_of[i], lost_of[i],
                  wrong_of[i]);
-  return {bound_row("moving.wrong", wrong, done, "poses", 0, Limit::most)};
+  std::fprintf(stderr, "  %d poses of %d motions judged\n", posed, done);
+  return {wrong_row("moving.wrong", wrong, posed, "poses")};
 }
 
 }  // namespace

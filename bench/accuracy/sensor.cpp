@@ -140,9 +140,9 @@ std::vector<Row> sigma_rows(const Context& context) {
       }
     }
   }
-  const auto [least, greatest] = std::minmax_element(ratios.begin(), ratios.end());
-  return {bound_row("sigma_honest.least", *least, static_cast<int>(ratios.size()), "x", 0.9, Limit::least),
-          bound_row("sigma_honest.greatest", *greatest, static_cast<int>(ratios.size()), "x", 1.1, Limit::most)};
+  return {
+      bound_row("sigma_honest.least", least_of(ratios), static_cast<int>(ratios.size()), "x", 0.9, Limit::least),
+      bound_row("sigma_honest.greatest", greatest_of(ratios), static_cast<int>(ratios.size()), "x", 1.1, Limit::most)};
 }
 
 // --- fringe orders ---
@@ -184,15 +184,20 @@ DepthScore orders_of(const Method& method, uint64_t seed) {
 }
 
 std::vector<Row> wrong_order_rows(const Method& method, const Context& context) {
-  std::vector<double> wrong, valid;
+  std::vector<double> shares, valid;
+  double wrong = 0;
+  int compared = 0;
   for (int seed = 1; seed <= (context.quick ? 3 : 20); ++seed) {
     const DepthScore score = orders_of(method, static_cast<uint64_t>(seed));
-    wrong.push_back(score.wrong_order);
     valid.push_back(score.valid_fraction);
+    if (score.compared == 0) continue;
+    shares.push_back(score.wrong_order);
+    wrong += score.wrong_order * score.compared;
+    compared += score.compared;
   }
   std::fprintf(stderr, "  %s: %.2f %% of the lit pixels have depth; worst seed %.1e\n", method.id.c_str(),
-               100 * median_of(valid), *std::max_element(wrong.begin(), wrong.end()));
-  return {median_row("wrong_order." + method.id, wrong, "share", method.limit)};
+               100 * median_of(valid), greatest_of(shares));
+  return {bound_row("wrong_order." + method.id, wrong / compared, compared, "share", method.limit, Limit::most)};
 }
 
 // --- response ---

@@ -122,9 +122,8 @@ std::vector<Row> subsurface_rows(const Context& context) {
                  1e3 * chalk.measured_m.value());
     ratios.push_back(foam.measured_m.value() / foam.predicted_m.value());
   }
-  const auto [least, greatest] = std::minmax_element(ratios.begin(), ratios.end());
-  return {bound_row("subsurface.bias.least", *least, seeds, "x", 0.8, Limit::least),
-          bound_row("subsurface.bias.greatest", *greatest, seeds, "x", 1.2, Limit::most)};
+  return {bound_row("subsurface.bias.least", least_of(ratios), seeds, "x", 0.8, Limit::least),
+          bound_row("subsurface.bias.greatest", greatest_of(ratios), seeds, "x", 1.2, Limit::most)};
 }
 
 }  // namespace

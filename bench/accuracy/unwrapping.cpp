@@ -61,20 +61,20 @@ std::vector<Row> unwrapping_rows(const Context& context) {
                       {Unwrapping::spatial, {1040, 131, 16.5}},
                       {Unwrapping::geometric, {480}},
                       {Unwrapping::predicted, {1040, 131, 16.5}}};
-  double predicted = INFINITY;
-  int views = 0;
+  double predicted = NAN;
+  int pixels = 0;
   for (const Way& way : ways) {
     const Totals t = over_loop(way, context.quick ? 26 : 1000);
-    const double wrong = t.wrong / std::max(1.0, t.pixels);
+    const double wrong = t.wrong / t.pixels;
     std::fprintf(
         stderr,
         "  %-14s %4.1f images per view, %5.1f %% of the lit pixels, %.1e of %.1f million wrong, median error %.4f "
         "mm, %d of %d views lost, ATE %.4f mm\n",
         to_string(way.unwrapping), t.images / t.views, 100 * t.valid_fraction / t.views, wrong, 1e-6 * t.pixels,
         median_of(t.median_mm), t.lost, t.views, t.ate_mm);
-    if (way.unwrapping == Unwrapping::predicted) predicted = wrong, views = t.views;
+    if (way.unwrapping == Unwrapping::predicted) predicted = wrong, pixels = static_cast<int>(t.pixels);
   }
-  return {bound_row("wrong_order.predicted", predicted, views, "share", 1e-3, Limit::most)};
+  return {bound_row("wrong_order.predicted", predicted, pixels, "share", 1e-3, Limit::most)};
 }
 
 }  // namespace

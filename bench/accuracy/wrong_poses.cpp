@@ -137,9 +137,11 @@ struct Tally {
     for (size_t i = 0; i < kWays; ++i) ways[i] += other.ways[i];
     return *this;
   }
-  int wrong() const {
+  int wrong() const { return sum(&Count::wrong); }
+  int found() const { return sum(&Count::found); }
+  int sum(int Count::*number) const {
     int count = 0;
-    for (const Count& way : ways) count += way.wrong;
+    for (const Count& way : ways) count += way.*number;
     return count;
   }
 };
@@ -190,8 +192,8 @@ std::vector<Row> wrong_rows(const Context& context) {
   }
   print("all", all);
   const Count& located = all.ways[0];
-  return {bound_row("pose.wrong", all.wrong(), all.pairs, "wrong", 0, Limit::most),
-          bound_row("pose.ambiguous", 100.0 * located.ambiguous / std::max(1, located.found + located.ambiguous),
+  return {wrong_row("pose.wrong", all.wrong(), all.found(), "wrong"),
+          bound_row("pose.ambiguous", 100.0 * located.ambiguous / (located.found + located.ambiguous),
                     located.found + located.ambiguous, "%", kMostAmbiguous, Limit::most)};
 }
 
@@ -221,7 +223,7 @@ std::vector<Row> repeating_rows(const Context& context) {
   print_head("scene");
   for (const auto& [name, tally] : scenes) print(name, tally);
   print("all", all);
-  return {bound_row("pose.repeating", all.wrong(), all.pairs, "wrong", 0, Limit::most)};
+  return {wrong_row("pose.repeating", all.wrong(), all.found(), "wrong")};
 }
 
 }  // namespace

@@ -235,7 +235,7 @@ class Trials {
       if (message.find(".partial-") != std::string::npos) return "names a temporary file: " + message;
     }
     if (state.task.name == "capture") return loss_of_capture(ended);
-    if (state.task.name == "study") return loss_of_study(state);
+    if (state.task.name == "study") return loss_of_study(state, ended);
     auto now = content(out());
     const uint64_t map = find(now, "saved.map"), old_map = find(state.old_content, "saved.map");
     if (old_map != 0 && map != old_map && map != find(state.new_content, "saved.map")) return "the saved map is lost";
@@ -298,13 +298,23 @@ class Trials {
     return "";
   }
 
-  // The same command completes the study, to the same result.
-  std::string loss_of_study(const State& state) const {
+  // If it succeeded, the study is complete; if not, the same command completes it, to the same result.
+  std::string loss_of_study(const State& state, const Ended& ended) const {
+    if (ended.exit_code == 0) {
+      if (const std::string differing = differing_file(state); !differing.empty())
+        return "it succeeded, but " + differing + " differs";
+    }
     const Ended again = execute(line_of(state.task.command));
     if (again.exit_code != 0) return "cannot be continued: " + again.err;
+    const std::string differing = differing_file(state);
+    return differing.empty() ? "" : differing + " differs after continuing";
+  }
+
+  // Returns a file of the study, other than its report, that is not that of the new result; empty if there is none.
+  std::string differing_file(const State& state) const {
     const auto now = content(out());
     for (const auto& [name, hash] : state.new_content) {
-      if (name != "report.html" && find(now, name) != hash) return name + " differs after continuing";
+      if (name != "report.html" && find(now, name) != hash) return name;
     }
     return "";
   }

@@ -121,8 +121,14 @@ std::vector<Row> spatial_rows(const Context& context) {
 }  // namespace
 
 std::vector<Item> decoding_items() {
-  return {{{"speed.decode"}, "three images to absolute phase, against OpenCV's SinusoidalPattern (PSP)", decode_rows},
-          {{"speed.points"}, "three images to points with sigma", points_rows},
+  return {{{"speed.decode"},
+           "three images to absolute phase, against OpenCV's SinusoidalPattern (PSP); fringe orders come from the "
+           "predicted view, whose cost (speed.expected_view) is not included",
+           decode_rows},
+          {{"speed.points"},
+           "three images to points with sigma; fringe orders come from the predicted view, whose cost "
+           "(speed.expected_view) is not included",
+           points_rows},
           {{"speed.decode.micro"}, "seven images of micro phase shifting to coordinate and sigma", micro_rows},
           {{"speed.spatial"}, "quality-guided spatial unwrapping, 532 x 500", spatial_rows}};
 }

@@ -270,9 +270,10 @@ std::vector<Row> open_rows(const Context& context) {
         seconds_of([&] { pipeline.emplace(std::move(*map), loop.scene.patterns, PipelineOptions{}); });
     int views = 0;
     const double first_s = seconds_of([&] {
-      for (bool located = false; !located && view < between.size(); ++views)
+      bool located = false;
+      for (; !located && view < between.size(); ++views)
         located = has_pose(pipeline->process(loop.stacks[static_cast<size_t>(between[view++])]).tracking);
-      if (view > between.size()) throw Error("scale.open: no view was located");
+      if (!located) throw Error("scale.open: no view was located");
     });
     if (turn > 0) all_s.push_back(open_s + index_s + first_s);
     std::fprintf(stderr,

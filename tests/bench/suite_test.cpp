@@ -3,6 +3,7 @@
 
 #include <gmock/gmock.h>
 
+#include <cmath>
 #include <nlohmann/json.hpp>
 
 #include "bench/yardstick.h"
@@ -35,6 +36,33 @@ TEST(Suite, WorseIsApartOnTheWrongSide) {
   EXPECT_FALSE(is_worse(row(3, 3), row(1, 1))) << "one value each gives no interval";
 }
 
+TEST(Suite, NamesIdsWithoutARow) {
+  Row pose, part;
+  pose.id = "pose.bound", part.id = "speed.megapixel.map";
+  EXPECT_THAT(ids_without_row({"pose.bound", "pose.nees", "pose.boundary", "speed.megapixel"}, {pose, part}),
+              ElementsAre("pose.nees", "pose.boundary"));
+  EXPECT_THAT(ids_without_row({"captures.boards"}, {}), ElementsAre("captures.boards"));
+}
+
+TEST(Row, ExtremesOfNothingOrOfNanAreNan) {
+  const double values[] = {2, -1, 3};
+  EXPECT_EQ(least_of({values, values + 3}), -1);
+  EXPECT_EQ(greatest_of({values, values + 3}), 3);
+  for (const std::vector<double>& unknown :
+       {std::vector<double>{}, std::vector<double>{NAN}, std::vector<double>{1, NAN}, std::vector<double>{NAN, 1}}) {
+    EXPECT_TRUE(std::isnan(least_of(unknown)));
+    EXPECT_TRUE(std::isnan(greatest_of(unknown)));
+    EXPECT_FALSE(bound_row("a", least_of(unknown), 0, "", -1e9, Limit::least).pass);
+    EXPECT_FALSE(bound_row("a", greatest_of(unknown), 0, "", 1e9, Limit::most).pass);
+  }
+}
+
+TEST(Row, NoWrongResultsAmongNoneFail) {
+  EXPECT_TRUE(wrong_row("a", 0, 5, "poses").pass);
+  EXPECT_FALSE(wrong_row("a", 1, 5, "poses").pass);
+  EXPECT_FALSE(wrong_row("a", 0, 0, "poses").pass);
+}
+
 TEST(Suite, MachinesOfDifferentSpeedAreComparedByTheYardstick) {
   const auto time = [](double low, double high, double yardstick) {
     Row result = row(low, high);
@@ -57,6 +85,8 @@ TEST(Suite, ABaselineIsWhatWasWritten) {
   ASSERT_EQ(rows.size(), 1u);
   EXPECT_EQ(rows[0].id, "a.row");
   EXPECT_EQ(rows[0].interval_high, 2);
+  test::write_bytes(temp / "nan.json", nlohmann::ordered_json::array({to_json(row(NAN, NAN))}).dump());
+  EXPECT_TRUE(std::isnan(read_baseline(temp / "nan.json")[0].value));
   test::write_bytes(temp / "other.json", "{\"a\": 1}");
   EXPECT_THAT(error_of([&] { read_baseline(temp / "other.json"); }), HasSubstr("other.json:1: contains no rows"));
   EXPECT_THAT(error_of([&] { read_baseline(temp / "none.json"); }), HasSubstr("does not exist"));

@@ -109,13 +109,16 @@ TEST(KeyframeMap, CorrectionMovesKeyframesAndTheirFrames) {
   EXPECT_THAT(map.keyframes()[1].world_from_camera, PoseNear(shifted(0.1), 1e-6, 1e-6));
   EXPECT_THAT(map.keyframes()[0].world_from_camera, PoseNear(Pose{}, 1e-12, 1e-12));
   EXPECT_FALSE(map.correct({}, 1e-4)) << "already corrected";
-  // After the correction the whole cloud lies on the surface.
-  const double before = 2e-3;
-  for (const CloudPoint& point : cloud_of(map, {})) {
+  // After the correction the whole cloud lies on the surface, but for its noise of 0.1 mm. Where the surface is steep, points
+  // that drifted by 2 mm lie almost 2 mm beside it.
+  constexpr double kNear_m = 1e-3;
+  const std::vector<CloudPoint> cloud = cloud_of(map, {});
+  EXPECT_GT(cloud.size(), 10000u);
+  for (const CloudPoint& point : cloud) {
     const Eigen::Vector3d p = point.position_m.cast<double>();
     const auto hit = kSurface(Eigen::Vector3d(p.x(), p.y(), 0), Eigen::Vector3d(0, 0, 1));
     ASSERT_TRUE(hit);
-    ASSERT_LT(std::abs(hit->point.z() - p.z()), before);
+    ASSERT_LT(std::abs(hit->point.z() - p.z()), kNear_m);
   }
 }
 

@@ -652,6 +652,7 @@ TEST(Micro, ConstantLightChangesNeitherOrdersNorPhases) {
       ASSERT_EQ(found.fringe_order(0, i), static_cast<int>(std::floor((found.coordinate_px(0, i) + 0.5) / 16.5 + 0.5)))
           << i;
     }
+    EXPECT_GT(decided, 3000) << mean;
   }
 }
 
