@@ -150,7 +150,9 @@ TEST(LiveFeed, AReplacedFrameIsShown) {
   const auto before = feed.points_of(0);
   EXPECT_FALSE(json::parse(feed.snapshot())["keyframes"]["list"][0].contains("version"));
   run.improve(feed);
-  EXPECT_EQ(json::parse(feed.snapshot())["keyframes"]["list"][0]["version"], 1);
+  const json improved = json::parse(feed.snapshot())["keyframes"]["list"][0];
+  EXPECT_EQ(improved["version"], 1);
+  EXPECT_EQ(improved["landmarks"], json::parse("[[0.03, 0.02, 1.0]]"));
   EXPECT_NE(feed.points_of(0), before);
   EXPECT_EQ(feed.points_of(1), before);
 }

@@ -6,6 +6,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/patterns/design.h"
+#include "tests/live/synthetic_run.h"
 #include "tests/support/bump_rig.h"
 
 namespace fringeslam::tools {
@@ -76,6 +77,25 @@ TEST_F(Mapped, AStackThatCannotBeMappedEndsTheMapAndNothingElse) {
   ASSERT_EQ(seen.size(), 3u);
   EXPECT_TRUE(seen[0].contains("pose"));
   EXPECT_FALSE(seen[2].contains("pose"));
+}
+
+// The marks of warm things move with the map, also while the camera sees nothing warm.
+TEST(ShowMapped, ACorrectionSendsTheCandidatesAgain) {
+  const LiveSetup setup = test::run_setup();
+  LiveFeed feed(setup);
+  const Mapper mapper(setup.rig, {}, Pose{});
+  const ThermalObserver observer(setup.rig, {});
+  FrameResult result = test::SyntheticRun().seen();
+  result.tracking = Tracking::followed;
+  const auto sends_candidates = [&](bool corrected) {
+    const auto before = nlohmann::json::parse(feed.snapshot());
+    result.corrected = corrected;
+    show_mapped(feed, test::ramp_stack(60), result, mapper, {}, observer, 0);
+    return nlohmann::json::parse(feed.changes(before["run"], before["sequence"])).contains("candidates");
+  };
+  EXPECT_TRUE(sends_candidates(true));
+  EXPECT_FALSE(sends_candidates(false));
+  EXPECT_TRUE(sends_candidates(true));
 }
 
 }  // namespace

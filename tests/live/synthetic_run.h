@@ -58,11 +58,11 @@ class SyntheticRun {
   }
   // Later views determine the pose of the last one, which was lost.
   void recover() { trajectory_.push_back({0.1 * (number_ - 1), shifted(0.01 * (number_ - 1))}); }
-  // Adds a view after which the first keyframe has another frame.
+  // Adds a view after which the first keyframe has another frame, whose surface lies 10 mm further along x.
   void improve(tools::LiveFeed& feed) {
     Frame better = frame_;
     better.points_m = 0.9 * frame_.points_m;
-    map_.replace_frame(0, better, {});
+    map_.replace_frame(0, better, shifted(0.01));
     track(feed);
   }
   // Adds a view that closes a loop, which shifts the whole map by `y_m`.
@@ -82,7 +82,7 @@ class SyntheticRun {
     show(feed, result);
   }
 
- private:
+  // The result of a view without its pose.
   FrameResult seen() const {
     FrameResult result;
     result.frame = frame_;
@@ -91,6 +91,8 @@ class SyntheticRun {
     result.landmarks = landmarks();
     return result;
   }
+
+ private:
   static Landmarks landmarks() {
     Landmarks found;
     found.keypoints.keypoints.resize(2);

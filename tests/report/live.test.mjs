@@ -33,6 +33,7 @@ const open = (url, options) => openIn(browser, url, options);
 const drawn = (page) => page.waitForSelector('#scene[data-whole]', {state: 'attached'});
 const says = (page, id, text) => page.waitForFunction(([name, expected]) => document.getElementById(name).textContent === expected, [id, text]);
 const shown = (page, name) => page.locator('#scene-controls').getByLabel(name, {exact: true});
+const landmarks = (page) => page.evaluate(() => Number(document.getElementById('scene').dataset.landmarks));
 const points = (page) => page.evaluate(() => Number(document.getElementById('scene').dataset.points ?? 0));
 
 // Number of pixels of the map that are not background (the most frequent colour).
@@ -62,7 +63,7 @@ test('the map fills while views come, and who comes late sees no less', async ()
   // From now on the viewpoint stays fixed.
   await page.locator('#scene').focus();
   for (let i = 0; i < 4; ++i) await page.keyboard.press('-');
-  const seen = [[await points(page), await filled(page)]];
+  const seen = [[await points(page), await filled(page)]], fewest = await landmarks(page);
   assert.ok(seen[0][1] > 500, `${seen[0]}`);
   while (seen.length < 3) {
     run.signal('SIGCONT');
@@ -71,6 +72,7 @@ test('the map fills while views come, and who comes late sees no less', async ()
     seen.push([await points(page), await filled(page)]);
     assert.ok(seen.at(-1)[1] > seen.at(-2)[1], `points and pixels: ${seen.join('; ')}`);
   }
+  assert.ok((await landmarks(page)) > fewest, `${fewest} landmarks`);
   run.signal('SIGCONT');
   const late = await open(run.url);
   await drawn(late.page);
@@ -215,6 +217,20 @@ test('beyond the computer it asks for the token that was printed', async () => {
   await drawn(page);
   await close();
   await run.stop();
+});
+
+test('more views than a call may have arguments are taken', async () => {
+  const context = await browser.newContext({reducedMotion: 'reduce'});
+  const page = await context.newPage();
+  await page.route('**/snapshot', async (route) => {
+    const answer = await route.fetch(), snapshot = await answer.json();
+    const more = Array.from({length: 200000}, (_, i) => ({index: i + 5, timestamp_s: i + 5, tracking: 'lost'}));
+    snapshot.views.list = snapshot.views.list.concat(more);
+    return route.fulfill({response: answer, json: snapshot});
+  });
+  await page.goto(still.url);
+  await page.waitForFunction(() => document.getElementById('figures').textContent.includes('200\u202f005'));
+  await context.close();
 });
 
 test('victim candidates are listed and marked with their reason', async () => {

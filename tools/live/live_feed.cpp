@@ -146,7 +146,7 @@ void LiveFeed::show(const FringeStack& stack) {
   add(seen, std::move(view));
 }
 
-void LiveFeed::show(const FringeStack& stack, const FrameResult& result, const KeyframeMap& map,
+bool LiveFeed::show(const FringeStack& stack, const FrameResult& result, const KeyframeMap& map,
                     const std::function<Trajectory()>& trajectory, int dropped) {
   SeenView seen{0,
                 stack.index,
@@ -169,8 +169,9 @@ void LiveFeed::show(const FringeStack& stack, const FrameResult& result, const K
   view->warnings = std::move(sentences);
   dropped_ = dropped;
   add(seen, std::move(view));
-  const bool replaced = take_keyframes(map);
-  if (replaced || result.corrected) take_corrections(map, trajectory());
+  const bool moved = take_keyframes(map) || result.corrected;
+  if (moved) take_corrections(map, trajectory());
+  return moved;
 }
 
 void LiveFeed::show_candidates(std::vector<WarmObjectMark> candidates) {
@@ -200,9 +201,10 @@ void LiveFeed::add(SeenView seen, std::shared_ptr<const LiveView> view) {
 bool LiveFeed::take_keyframes(const KeyframeMap& map) {
   bool replaced = false;
   for (size_t i = 0; i < keyframes_.size(); ++i) {
-    const StoredFrame& frame = map.keyframes()[i].frame;
-    if (keyframes_[i].frame.depth_m.data == frame.depth_m.data) continue;
-    keyframes_[i].frame = frame;
+    const Keyframe& keyframe = map.keyframes()[i];
+    if (keyframes_[i].frame.depth_m.data == keyframe.frame.depth_m.data) continue;
+    keyframes_[i].landmarks_m = centres_of(*keyframe.landmarks.get());
+    keyframes_[i].frame = keyframe.frame;
     ++keyframes_[i].version;
     std::erase_if(points_, [&](const auto& each) { return each.first == static_cast<int>(i); });
     replaced = true;

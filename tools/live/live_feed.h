@@ -65,8 +65,9 @@ class LiveFeed {
   // For the capturing or mapping side. The stacks' images are shared and must not change.
   void show(const FringeStack& stack);
   // Adds a stack with its result. `trajectory` returns all tracked views and is called when the map was corrected;
-  // `dropped` counts the stacks so far that were not mapped because mapping lagged behind.
-  void show(const FringeStack& stack, const FrameResult& result, const KeyframeMap& map,
+  // `dropped` counts the stacks so far that were not mapped because mapping lagged behind. Returns true if views shown before
+  // have moved.
+  bool show(const FringeStack& stack, const FrameResult& result, const KeyframeMap& map,
             const std::function<Trajectory()>& trajectory, int dropped);
   void show_candidates(std::vector<WarmObjectMark> candidates);
   void finish();

@@ -10,9 +10,9 @@ namespace fringeslam::tools {
 
 void show_mapped(LiveFeed& feed, const FringeStack& stack, const FrameResult& result, const Mapper& mapper,
                  const ThermalView& thermal, const ThermalObserver& observer, int dropped) {
-  feed.show(
+  const bool moved = feed.show(
       stack, result, mapper.map(), [&] { return mapper.trajectory(); }, dropped);
-  if (thermal.warm.list.empty()) return;
+  if (thermal.warm.list.empty() && !moved) return;
   std::vector<WarmObjectMark> candidates;
   for (const WarmObject& thing : observer.warm_objects(mapper))
     candidates.push_back({thing.position_m, thing.extent_m, thing.victim ? "may be a victim" : "warm, no victim",

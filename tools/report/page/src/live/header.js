@@ -37,7 +37,8 @@ function showTracking() {
 function showPose() {
   const view = lastTracked();
   if (!view) return void (byId('pose').textContent = '');
-  const turn = 2 * Math.acos(Math.min(1, Math.abs(view.pose[6])));
+  const [qx, qy, qz, qw] = view.pose.slice(3);
+  const turn = 2 * Math.atan2(Math.hypot(qx, qy, qz), Math.abs(qw));
   const where = view.pose.slice(0, 3).map((value) => fixed(value, 3)).join(', ');
   const motion = motionText(view);
   byId('pose').textContent =

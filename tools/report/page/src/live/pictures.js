@@ -29,8 +29,24 @@ async function fetched(path) {
   const url = URL.createObjectURL(await answer.blob());
   const image = new Image();
   image.src = url;
-  await image.decode();
+  try {
+    await image.decode();
+  } catch (error) {
+    URL.revokeObjectURL(url);
+    throw error;
+  }
   return {image, url};
+}
+
+// Fetches pictures of the same view; returns null if one of them is gone.
+async function allFetched(paths) {
+  const results = await Promise.allSettled(paths.map(fetched));
+  const pictures = results.map(({value}) => value);
+  if (pictures.every(Boolean)) return pictures;
+  for (const picture of pictures) if (picture) URL.revokeObjectURL(picture.url);
+  const failed = results.find(({status}) => status === 'rejected');
+  if (failed) throw failed.reason;
+  return null;
 }
 
 function plainCard(name, title, note, description) {
@@ -80,8 +96,11 @@ function depthCard() {
   return {
     name: 'depth.png', node,
     async show({url}, {index}) {
-      await picture.show(url);
-      URL.revokeObjectURL(url);
+      try {
+        await picture.show(url);
+      } finally {
+        URL.revokeObjectURL(url);
+      }
       bar.replaceChildren(colourBar('viridis', ...[0, 0.5, 1].map((share) => `${fixed(metres(share), 2)} m`)));
       canvas.setAttribute('aria-label', `Depth of view ${index}, near is bright`);
     },
@@ -114,18 +133,20 @@ export function showPictures() {
     busy = true;
     wanted = `${store.run} ${view.number}`;
     const visible = shown();
+    let failed = false;
     try {
-      const pictures = await Promise.all(visible.map(({name}) => fetched(`/picture/${view.number}/${name}`)));
-      if (pictures.every(Boolean)) {
+      const pictures = await allFetched(visible.map(({name}) => `/picture/${view.number}/${name}`));
+      if (pictures) {
         await Promise.all(visible.map((each, i) => each.show(pictures[i], view)));
         byId('pictures').dataset.view = view.number;
       }
       await new Promise((done) => setTimeout(done, kLeastMs));
     } catch {
+      failed = true;
       wanted = null;  // the connection reports the error, and the next change asks again
     }
     busy = false;
-    if (store.newest !== view) update();
+    if (!failed || store.newest !== view) update();  // there may be a newer view, or other pictures may be wanted
   }
   on('change', update);
 }

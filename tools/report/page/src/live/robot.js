@@ -66,7 +66,7 @@ export class Robot {
     setSegments(this.path, pathLines(this.positions));
     const view = lastTracked();
     this.showCamera(view);
-    if (keyframes[0] !== this.seen.keyframe || keyframes.length !== this.seen.keyframes) this.landmarks.geometry.setFromPoints(landmarkPositions());
+    if (keyframes[0] !== this.seen.keyframe || keyframes.length !== this.seen.keyframes) this.showLandmarks();
     if (candidates !== this.seen.candidates) this.showCandidates();
     this.seen = {view: views[0], keyframe: keyframes[0], keyframes: keyframes.length, candidates};
     this.colour();
@@ -83,6 +83,12 @@ export class Robot {
     const {position, rotation} = placed(poseOf(view.pose));
     this.axes.position.copy(position);
     this.axes.quaternion.copy(rotation);
+  }
+
+  // A geometry keeps the number of points that it was made with.
+  showLandmarks() {
+    this.landmarks.geometry.dispose();
+    this.landmarks.geometry = new THREE.BufferGeometry().setFromPoints(landmarkPositions());
   }
 
   showCandidates() {

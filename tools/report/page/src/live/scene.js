@@ -45,6 +45,7 @@ class Stage {
       this.renderer.render(this.scene, this.orbit.camera);
       this.detail.end(share, now);
       this.canvas.dataset.points = this.clouds.points;
+      this.canvas.dataset.landmarks = this.robot.landmarks.geometry.getAttribute('position')?.count ?? 0;
       this.canvas.dataset.drawn = 'true';
       this.canvas.toggleAttribute('data-whole', share === 1 && this.clouds.clouds.length > 0 && this.clouds.clouds.length === store.keyframes.length);
       if (moves) this.redraw();

@@ -19,15 +19,18 @@ function tell(event) {
   for (const listener of listeners[event]) listener();
 }
 
+// Returns `known` with its entries from `from` on replaced. A run has more views than a call may have arguments.
+function replaced(known, {from, list}) {
+  return known.slice(0, from).concat(list);
+}
+
 export function take(changes) {
   if (changes.about) {
     Object.assign(store, empty, {about: changes.about, views: [], keyframes: [], candidates: []});
     tell('restart');
   }
   const {views, keyframes, ...others} = changes;
-  Object.assign(store, others);
-  store.views.splice(views.from, Infinity, ...views.list);
-  store.keyframes.splice(keyframes.from, Infinity, ...keyframes.list);
+  Object.assign(store, {views: replaced(store.views, views), keyframes: replaced(store.keyframes, keyframes)}, others);
   tell('change');
 }
 

@@ -22,6 +22,10 @@ function startDirection(cameras, centre) {
   return new THREE.Vector3(Math.cos(azimuth) * Math.cos(elevation), Math.sin(azimuth) * Math.cos(elevation), Math.sin(elevation));
 }
 
+// Paths have more points than a call may have arguments.
+const least = (values) => values.reduce((a, b) => Math.min(a, b), Infinity);
+const most = (values) => values.reduce((a, b) => Math.max(a, b), -Infinity);
+
 function cornersOf(box) {
   const ends = [box.min, box.max];
   return Array.from({length: 8}, (_, i) => new THREE.Vector3(ends[i & 1].x, ends[(i >> 1) & 1].y, ends[i >> 2].z));
@@ -39,10 +43,10 @@ function wholeInSight(points, centre, direction, wide, tall) {
       const away = point.clone().sub(target);
       return [away.dot(right), away.dot(up), away.dot(direction)];
     });
-    distance = Math.max(1e-3, ...seen.map(([x, y, near]) => near + Math.max(Math.abs(x) / wide, Math.abs(y) / tall)));
+    distance = Math.max(1e-3, most(seen.map(([x, y, near]) => near + Math.max(Math.abs(x) / wide, Math.abs(y) / tall))));
     const middle = (axis) => {
       const slopes = seen.map((point) => point[axis] / (distance - point[2]));
-      return ((Math.min(...slopes) + Math.max(...slopes)) / 2) * distance;
+      return ((least(slopes) + most(slopes)) / 2) * distance;
     };
     if (round < 3) target.addScaledVector(right, middle(0)).addScaledVector(up, middle(1));
   }
