@@ -625,6 +625,15 @@ test('what is moved goes to placed.yaml, which scene check accepts, and the auth
   assert.ok(Math.abs(dragged[0]) > 0.01, `${dragged}`);
   assert.ok(Math.abs(dragged[1] - 0.1) < 1e-9 && Math.abs(dragged[2] - 0.2) < 1e-9, `${dragged}`);
 
+  // A new version of the scene does not replace what is being typed.
+  await z.fill('0.7');
+  for (const version of [included.replace('ambient_lux: 290', 'ambient_lux: 280'), included]) {
+    before = await whole();
+    writeFileSync(file('scene.yaml'), version);
+    await other();
+    assert.equal(await z.inputValue(), '0.7');
+  }
+
   // The start of the trajectory, and a second entry beside the first.
   assert.equal(await status(server.port, '/place?path=trajectory.start.translation_m&x=0.03&y=0&z=0.02', {}, 'POST'), 200);
   await page.waitForFunction(() => document.querySelector('#scene').dataset.whole);
@@ -643,6 +652,28 @@ test('what is moved goes to placed.yaml, which scene check accepts, and the auth
   assert.match((await json(server.port, '/place?path=light.ambient_lux&x=0&y=0&z=0', {}, 'POST')).error, /./);
   assert.equal(await status(server.port, '/place?path=objects.2.pose.translation_m&x=0&y=0', {}, 'POST'), 400);
   assert.equal(await status(server.port, '/place?path=objects.2.pose.translation_m&x=0&y=0&z=0', {Origin: 'http://evil.example'}, 'POST'), 403);
+  await close();
+  await server.stop('SIGTERM');
+});
+
+test('what a failed load had drawn does not stay in the world', async () => {
+  const text = sceneText('torn', 'the scene page', {count: 3, size: 0.24, motions: kMotions});
+  const place = runs.scene('torn', text);
+  const server = await serveScene(place);
+  const {page, close} = await open(server.url, {expected: /ERR_FAILED/});
+  // The table arrives, the next mesh does not.
+  let meshes = 0;
+  await page.route('**/mesh/*', (route) => (++meshes === 2 ? route.abort() : route.continue()));
+  await page.reload();
+  await page.waitForSelector('#scene[data-whole]', {state: 'attached'});
+  assert.ok(meshes > 2);
+  const before = await page.locator('#scene').getAttribute('data-whole');
+  writeFileSync(resolve(place, 'scene.yaml'), text.replace('size_m: [0.8, 0.8]', 'size_m: [0.3, 0.3]'));
+  await page.waitForSelector(`#scene[data-whole]:not([data-whole="${before}"])`, {state: 'attached'});
+  const fresh = await open(server.url);
+  for (const each of [fresh.page, page]) await assessed(each);
+  await drawnLike(page, await worldPixels(fresh.page));
+  await fresh.close();
   await close();
   await server.stop('SIGTERM');
 });

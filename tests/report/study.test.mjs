@@ -46,6 +46,15 @@ test('the head tells name, rate, interval and what is missing', async () => {
   await close();
 });
 
+test('different ticks have different labels', async () => {
+  const shared = (name) => import(resolve(studies.source, 'tools/report/page/src/shared', name));
+  const [{linear}, {tickText}] = [await shared('axes.js'), await shared('chart.js')];
+  const labels = (from) => linear(from, [0, 100]).ticks(4).map(tickText);
+  assert.deepEqual(labels([0.985, 1]), ['0.985', '0.99', '0.995', '1']);
+  assert.deepEqual(labels([1000, 1006]), ['1000', '1002', '1004', '1006']);
+  assert.deepEqual(labels([-2, 2]), ['−2', '−1', '0', '1', '2']);
+});
+
 test('each chart shows its data', async () => {
   const {page, close} = await open();
   const charts = await page.locator('.chart').count();

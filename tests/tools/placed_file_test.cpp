@@ -52,6 +52,16 @@ TEST_F(PlacedFile, IsNotReplacedUnlessItIsItsOwn) {
   EXPECT_EQ(test::read_bytes(file()), mine);
 }
 
+TEST_F(PlacedFile, IsNotReplacedIfItContainsAnotherSection) {
+  place(temp_ / "", "objects.2.pose.translation_m", {0, 0, 1});
+  const std::string both = test::read_bytes(file()) + "light: {ambient_lux: 90}\n";
+  write_text(file(), both);
+  const std::string expected = file().string() + ":5: 'light' would be lost";
+  EXPECT_THAT(error_of([&] { place(temp_ / "", "objects.2.pose.translation_m", {0, 0, 2}); }), HasSubstr(expected));
+  EXPECT_THAT(error_of([&] { create_placed(temp_ / ""); }), HasSubstr(expected));
+  EXPECT_EQ(test::read_bytes(file()), both);
+}
+
 TEST_F(PlacedFile, TakesPositionsOnly) {
   for (const char* path : {"light.ambient_lux", "objects.0.size_m", "objects.x.pose.translation_m", "include",
                            "objects.0.pose.translation_m: 3\nname", ""})

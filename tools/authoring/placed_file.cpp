@@ -34,6 +34,10 @@ PlacedEntries placed_entries(const fs::path& file) {
     throw Error(file.string() + ": was not written by this program; rename it, so that positions can be stored here");
   const YamlMap map = YamlMap::parse(text, file.string());
   if (!map.has("placed")) throw Error(file.string() + ": has no section 'placed'; delete the file to start anew");
+  for (const std::string& key : map.keys()) {
+    if (key != "placed")
+      throw map.error(key, "'" + key + "' would be lost, since this file is written anew; move it to the scene's file");
+  }
   const YamlMap placed = map.map("placed");
   PlacedEntries entries;
   for (const std::string& path : placed.keys()) entries.emplace_back(path, placed.yaml(path));

@@ -15,8 +15,8 @@ constexpr const char* kPlacedFile = "placed.yaml";
 bool is_position(const std::string& path);
 
 // Writes a position, m, to the placed.yaml of `folder` and keeps its other entries; the file appears completely or not at
-// all. Throws Error if a file of this name was not written by this function, if `path` is not is_position(), or if the
-// position is not finite or farther than 10 km away.
+// all. Throws Error if a file of this name was not written by this function or contains another section, if `path` is not
+// is_position(), or if the position is not finite or farther than 10 km away.
 void place(const std::filesystem::path& folder, const std::string& path, const Eigen::Vector3d& position_m);
 
 // Writes an empty placed.yaml unless there is one. Throws Error as place().

@@ -12,6 +12,7 @@
 #include "core/io/json_text.h"
 #include "sim/preview/viewpoint.h"
 #include "sim/scene/cache.h"
+#include "tools/authoring/placed_file.h"
 #include "tools/authoring/sensor_picture.h"
 #include "tools/authoring/surface_tile.h"
 #include "tools/report/simplify_mesh.h"
@@ -104,12 +105,17 @@ Json pictures_json(const sim::Scene& scene) {
   return list;
 }
 
+// True for a coordinate of what can be dragged.
+bool is_coordinate(const sim::SceneValue& value) {
+  return value.changeable && is_position(value.path.substr(0, value.path.rfind('.')));
+}
+
 Json values_json(const std::vector<sim::SceneValue>& values) {
   constexpr double kUnlimited = 1e9;  // limits from here on only reject infinity
   Json list = Json::array();
   size_t numbers = 0;
   for (const sim::SceneValue& value : values) {
-    if (value.distribution.empty() && ++numbers > kMostNumbers) continue;
+    if (value.distribution.empty() && ++numbers > kMostNumbers && !is_coordinate(value)) continue;
     const auto end = [&](double limit) { return std::abs(limit) < kUnlimited ? Json(limit) : Json(); };
     list.push_back({{"path", value.path},
                     {"text", value.text},

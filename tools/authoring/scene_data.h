@@ -36,7 +36,7 @@ struct SceneData {
 
 // If the world's objects have more than `max_triangles` in total, meshes of more than 500 vertices are thinned by vertex
 // clustering, each by that ratio. Smaller ones stay whole, so that a world of many small objects may exceed it.
-// Lists all drawn ones of `values`, and the first kMostNumbers others.
+// Lists all drawn ones of `values`, the coordinates of what can be dragged, and the first kMostNumbers others.
 constexpr size_t kMostNumbers = 2000;
 SceneData scene_data(const sim::Scene& scene, const std::vector<sim::SceneValue>& values = {},
                      size_t max_triangles = 1'500'000);

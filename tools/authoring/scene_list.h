@@ -10,11 +10,10 @@ namespace fringeslam::tools {
 
 struct ListedScene {
   std::filesystem::path folder;
-  std::string description;
+  std::string description;  // or why its file cannot be read
 };
 
-// Returns the scenes in the subfolders of a folder, by name. Throws Error if it is no folder or contains none, or if a scene
-// file is no YAML.
+// Returns the scenes in the subfolders of a folder, by name. Throws Error if it is no folder or contains none.
 std::vector<ListedScene> list_scenes(const std::filesystem::path& folder);
 
 }  // namespace fringeslam::tools

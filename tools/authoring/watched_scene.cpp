@@ -140,10 +140,7 @@ bool WatchedScene::includes_placed() const {
 }
 
 void WatchedScene::reload() {
-  change([&](State& state) {
-    state.loading = true;
-    state.changes = changes_;
-  });
+  change([](State& state) { state.loading = true; });
   std::string error;
   std::shared_ptr<ShownScene> scene;
   try {
@@ -172,6 +169,7 @@ void WatchedScene::watch() {
       if (stopping_) return;
       seed = std::exchange(new_seed_, std::nullopt);
       changes = std::exchange(new_changes_, std::nullopt);
+      if (changes) state_.changes = *changes;  // the next change_value() adds to them
     }
     const Stamps now = stamps();
     if (seed) reading_.seed = seed;

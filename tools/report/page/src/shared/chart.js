@@ -1,7 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // SVG charts: their colours come from the page's style sheet, in light and dark mode and in print.
 import {element, svg} from './dom.js';
-import {short} from './format.js';
 
 // A box filled by `draw(width)` with an SVG, again whenever its width changes.
 export function chartBox(label, draw) {
@@ -37,10 +36,11 @@ export function path(points, name) {
   return svg('path', {d: points.map(([x, y], i) => `${i ? 'L' : 'M'}${x.toFixed(1)},${y.toFixed(1)}`).join(''), class: name});
 }
 
+// Ticks are round; all digits are needed to tell those of a narrow range apart.
 export function tickText(value) {
   const size = Math.abs(value);
   if (size !== 0 && (size < 1e-4 || size >= 1e5)) return value.toExponential().replace('e+', 'e').replace('-', '−').replace('e-', 'e−');
-  return short(value).replace('-', '−');
+  return String(value).replace('-', '−');
 }
 
 // Ticks and grid lines of a horizontal axis from `top` to `bottom`; labels without enough room are omitted.

@@ -30,12 +30,17 @@ class ScenePage {
     this.number = null;  // of the state shown
     byId('time').addEventListener('input', () => this.showTime());
     byId('new-seed').addEventListener('click', () => this.drawSeed());
-    this.world.onSelect = () => this.showSelected();
+    this.world.onSelect = () => {
+      this.showSelected();
+      this.buttons[this.world.selected]?.scrollIntoView({block: 'nearest'});
+    };
     this.world.onPlace = (place, position) => this.place(place, position);
     byId('move').addEventListener('submit', (event) => {
       event.preventDefault();
       const place = this.world.place();
-      if (place) this.place(place, this.coordinates.map((box) => Number(box.value)));
+      if (!place) return;
+      this.noteCoordinates(place);
+      this.place(place, this.coordinates.map((box) => Number(box.value)));
     });
     this.coordinates = [...byId('move').querySelectorAll('input')];
   }
@@ -118,7 +123,9 @@ class ScenePage {
     const {objects} = this.scene;
     this.buttons = objects.slice(0, kMostListed).map((object, i) =>
       element('button', {type: 'button', class: 'button', 'aria-pressed': 'false', onclick: () => this.world.select(i)}, `${object.name}: ${object.material}`));
-    byId('object-list').replaceChildren(...this.buttons.map((button) => element('li', {}, button)));
+    const list = byId('object-list'), {scrollTop} = list;
+    list.replaceChildren(...this.buttons.map((button) => element('li', {}, button)));
+    list.scrollTop = scrollTop;
     byId('more').textContent = objects.length > kMostListed ? `and ${objects.length - kMostListed} more; click them in the world` : '';
   }
 
@@ -126,9 +133,11 @@ class ScenePage {
   showSelected() {
     const {world} = this, place = world.place(), object = this.scene.objects[world.selected];
     this.buttons.forEach((button, k) => button.setAttribute('aria-pressed', String(k === world.selected)));
-    this.buttons[world.selected]?.scrollIntoView({block: 'nearest'});
     byId('move').hidden = !place;
-    if (place) this.coordinates.forEach((box, axis) => (box.value = Number(place.position[axis].toFixed(4))));
+    if (place && !this.isTyping(place)) {
+      this.coordinates.forEach((box, axis) => (box.value = Number(place.position[axis].toFixed(4))));
+      this.noteCoordinates(place);
+    }
     const numbers = (list) => list.map((value) => fixed(value, 3)).join(', ');
     let facts = [];
     if (object) {
@@ -138,6 +147,16 @@ class ScenePage {
       facts = [['waypoint', place.name], ['position', `${numbers(place.position)} m`]];
     }
     byId('selected').replaceChildren(...facts.flatMap(([name, value]) => [element('dt', {}, name), element('dd', {}, value)]));
+  }
+
+  noteCoordinates({path}) {
+    this.noted = {path, texts: this.coordinates.map((box) => box.value)};
+  }
+
+  // True while coordinates of this place are being typed, which a new version of the scene must not replace.
+  isTyping({path}) {
+    return path === this.noted?.path && byId('move').contains(document.activeElement) &&
+      this.coordinates.some((box, axis) => box.value !== this.noted.texts[axis]);
   }
 
   // Stores a position in placed.yaml; the changed scene arrives by polling.

@@ -24,6 +24,6 @@ export function placeOf({values, objects}, index) {
   const object = objects[index];
   if (!object?.path) return null;
   const path = `${object.path}.pose.translation_m`, position = object.pose.slice(0, 3);
-  const given = [0, 1, 2].map((axis) => Number(values.find((value) => value.path === `${path}.${axis}`)?.text ?? 0));
+  const given = [0, 1, 2].map((axis) => Number(values.find((value) => value.changeable && value.path === `${path}.${axis}`)?.text ?? 0));
   return {path, name: object.name, position, offset: position.map((value, axis) => given[axis] - value)};
 }

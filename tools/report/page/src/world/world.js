@@ -177,12 +177,19 @@ export class World {
       this.redraw();
     };
     const pending = [...users.values()];
-    await Promise.all(Array.from({length: kFetches}, async () => {
-      while (pending.length > 0 && !gone) await add(pending.shift());
-    }));
     const others = (list, than) => list.filter((mesh) => !than.includes(mesh));
+    let failure;
+    await Promise.all(Array.from({length: kFetches}, async () => {
+      try {
+        while (pending.length > 0 && !gone) await add(pending.shift());
+      } catch (error) {
+        failure ??= error;
+        gone = true;
+      }
+    }));
     if (gone) {
       this.remove(others(meshes, this.meshes));
+      if (failure) throw failure;
       return false;
     }
     this.remove(others(this.meshes, meshes));
