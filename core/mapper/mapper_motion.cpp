@@ -111,13 +111,19 @@ void Mapper::confirm_in_motion(FrameResult& result, const MapperInput& input) {
   MotionEffect effect;
   bool confirmed = follow_in_motion(joint, input, {world_from_reference * pose, covariance, {}}, effect);
   if (confirmed) {
-    const Pose world_from_joint = map_.keyframes()[static_cast<size_t>(joint.reference)].world_from_camera *
-                                  joint.registration.earlier_from_current;
+    const Pose& joint_pose = joint.registration.earlier_from_current;
+    const Pose world_from_other = map_.keyframes()[static_cast<size_t>(joint.reference)].world_from_camera,
+               world_from_joint = world_from_other * joint_pose;
     Matrix6d expected = covariance;
-    if (joint.reference != result.reference)
+    if (joint.reference != result.reference) {
+      // Zero if it is unknown, which makes the test stricter.
+      Matrix6d between = map_.covariance_between(result.reference, joint.reference);
+      between.bottomRightCorner<3, 3>().diagonal().array() +=
+          between.topLeftCorner<3, 3>().trace() * joint_pose.translation.squaredNorm();
+      const Eigen::Matrix3d axes = world_from_reference.rotation.transpose() * world_from_other.rotation;
       expected =
-          with_parallax(covariance + joint.covariance + map_.covariance_between(result.reference, joint.reference),
-                        pose, rig_.middle_range_m());
+          with_parallax(covariance + rotated_covariance(axes, joint.covariance) + between, pose, rig_.middle_range_m());
+    }
     confirmed = agree(world_from_reference.inverse() * world_from_joint, pose, expected);
   }
   if (confirmed) return;
