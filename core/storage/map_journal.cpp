@@ -149,11 +149,12 @@ void MapJournal::bring_up_to_date() {
     present = present_;
   }
   if (!present) return;
-  const auto known = [](const auto& noted, const auto& in_index) { return std::min(noted.size(), in_index.size()); };
-  std::copy_n(present->links.begin(), known(present->links, index_.links), index_.links.begin());
-  for (size_t i = 0; i < known(present->keyframes, index_.keyframes); ++i)
+  if (std::exchange(applied_, present) != present) applied_links_ = applied_keyframes_ = applied_frames_ = 0;
+  for (size_t& i = applied_links_; i < std::min(present->links.size(), index_.links.size()); ++i)
+    index_.links[i] = present->links[i];
+  for (size_t& i = applied_keyframes_; i < std::min(present->keyframes.size(), index_.keyframes.size()); ++i)
     std::tie(index_.keyframes[i].world_from_camera, index_.keyframes[i].motion) = present->keyframes[i];
-  for (size_t i = 0; i < known(present->frames, index_.frames); ++i)
+  for (size_t& i = applied_frames_; i < std::min(present->frames.size(), index_.frames.size()); ++i)
     index_.frames[i].keyframe_from_camera = present->frames[i];
 }
 

@@ -93,6 +93,9 @@ class MapJournal {
   std::deque<Step> steps_;
   bool index_is_new_ = false, warned_ = false;
   std::string failure_;  // of the last attempt
+  // The last corrections in the index, and how many of its entries have them.
+  std::shared_ptr<const Present> applied_;
+  size_t applied_links_ = 0, applied_keyframes_ = 0, applied_frames_ = 0;
 
   mutable std::mutex mutex_;
   std::condition_variable changed_;
