@@ -11,6 +11,7 @@
 #include <sys/ioctl.h>
 #include <sys/prctl.h>
 #include <sys/resource.h>
+#include <sys/stat.h>
 #include <sys/syscall.h>
 #include <sys/wait.h>
 #include <unistd.h>
@@ -88,12 +89,15 @@ constexpr LaterRight kLaterRights[] = {{2, 1 << 13},   // LANDLOCK_ACCESS_FS_REF
                                        {3, 1 << 14},   // LANDLOCK_ACCESS_FS_TRUNCATE: opening to read can empty a file
                                        {5, 1 << 15}};  // LANDLOCK_ACCESS_FS_IOCTL_DEV
 
-// Permits reading below a folder.
-void permit_reading(int ruleset, const std::string& folder) {
+// Permits reading a file, or what is below a folder.
+void permit_reading(int ruleset, const std::string& path) {
   landlock_path_beneath_attr rule{};
-  rule.allowed_access = LANDLOCK_ACCESS_FS_READ_FILE | LANDLOCK_ACCESS_FS_READ_DIR;
-  rule.parent_fd = open(folder.c_str(), O_PATH | O_CLOEXEC | O_DIRECTORY);
+  rule.parent_fd = open(path.c_str(), O_PATH | O_CLOEXEC);
   if (rule.parent_fd < 0) return;
+  struct stat status {};
+  rule.allowed_access = LANDLOCK_ACCESS_FS_READ_FILE;
+  if (fstat(rule.parent_fd, &status) == 0 && S_ISDIR(status.st_mode))
+    rule.allowed_access |= LANDLOCK_ACCESS_FS_READ_DIR;
   (void)syscall(SYS_landlock_add_rule, ruleset, LANDLOCK_RULE_PATH_BENEATH, &rule, 0);
   close(rule.parent_fd);
 }
@@ -136,7 +140,8 @@ constexpr unsigned kArchitecture = AUDIT_ARCH_X86_64;
 constexpr unsigned kArchitecture = AUDIT_ARCH_AARCH64;
 #endif
 
-// Calls that reach nothing but this process and its open descriptors.
+// Calls that reach nothing but this process and its open descriptors, except that newfstatat and statx, with which the C library
+// asks about descriptors, also tell whether a file exists.
 constexpr long kPermitted[] = {
     // descriptors
     SYS_read,
@@ -210,8 +215,6 @@ constexpr long kPermitted[] = {
     SYS_uname,
     SYS_getrandom,
 #if defined(__x86_64__)
-    SYS_stat,
-    SYS_lstat,
     SYS_dup2,
     SYS_pipe,
     SYS_poll,
@@ -237,7 +240,7 @@ constexpr long kPermitted[] = {
 constexpr long kSearching[] = {
     SYS_getdents64, SYS_getcwd,   SYS_readlinkat, SYS_faccessat, SYS_statfs, SYS_fstatfs,
 #if defined(__x86_64__)
-    SYS_access,     SYS_readlink, SYS_getdents,
+    SYS_access,     SYS_readlink, SYS_getdents,   SYS_stat,      SYS_lstat,
 #endif
 #ifdef SYS_faccessat2
     SYS_faccessat2,

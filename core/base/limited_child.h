@@ -28,7 +28,7 @@ enum class ChildReads { files, nothing };
 
 // Takes away, as far as the kernel can, everything but reading, computing and writing to open descriptors: no file is
 // written, emptied or removed, no process started or reached, no network. With ChildReads::files, files outside /dev, /proc
-// and /sys can be opened for reading; with ChildReads::nothing, none.
+// and /sys, and in /dev/shm, can be opened for reading; with ChildReads::nothing, none.
 void restrict_child(ChildReads reads);
 
 struct ChildLimits {
