@@ -13,6 +13,7 @@
 #include "core/base/bounded_queue.h"
 #include "core/base/parallel.h"
 #include "core/base/start_threads.h"
+#include "core/types/error.h"
 
 namespace fringeslam::tools {
 
@@ -34,7 +35,10 @@ class BackgroundTasks {
       const std::lock_guard lock(mutex_);
       ++unfinished_;
     }
-    tasks_.push(std::move(task));
+    if (tasks_.push(std::move(task))) return;
+    const std::lock_guard lock(mutex_);
+    --unfinished_;
+    throw Error("internal error: a task was added after the last one");
   }
   // Waits until the tasks that were added so far have ended.
   void wait() {

@@ -8,7 +8,7 @@ namespace fringeslam::tools {
 // Exit code of a program that Ctrl-C ended.
 constexpr int kInterrupted = 130;
 
-// Installs the signal handlers, and ignores SIGPIPE; started programs should not inherit the latter.
+// Installs the signal handlers, and ignores SIGPIPE, which started programs inherit unless it is reset for them.
 void catch_interrupts();
 // True once a signal has arrived.
 bool interrupted();

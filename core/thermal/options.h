@@ -50,10 +50,9 @@ struct ThermalOptions {
     v.field("min_pipe_length", min_pipe_length, {0, 100}, "pipe: least ratio of length to visible width");
     v.field("max_pipe_radius_m", max_pipe_radius_m, {1e-4, 10}, "pipe: largest radius, m");
     v.field("same_place_m", same_place_m, {1e-4, 10}, "regions of skin within this distance belong to one victim, m");
-    v.field(
-        "overlap_m", overlap_m, {1e-4, 10},
-        "regions of different views are merged if half of the smaller one's points are this near to the other, or as "
-        "near as to each other, m");
+    v.field("overlap_m", overlap_m, {1e-4, 10},
+            "regions of different views are merged if half of the smaller one's points are this near to the other, at "
+            "least the spacing of these points, m");
   }
 };
 

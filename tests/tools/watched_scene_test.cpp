@@ -62,8 +62,11 @@ TEST(WatchedScene, KeepsAllChangesOrdered) {
     watched.change_value(expected.back().first, expected.back().second);
   }
   const auto height_m = [](const sim::Object& object) { return object.world_from_object.translation.z(); };
-  while (state.loading || height_m(state.scene->scene.objects.back()) != 0.2)
+  const auto end = std::chrono::steady_clock::now() + std::chrono::minutes(1);
+  const auto is_last = [&] { return state.scene && height_m(state.scene->scene.objects.back()) == 0.2; };
+  while ((state.loading || !is_last()) && std::chrono::steady_clock::now() < end)
     state = watched.await_change(state.number, std::chrono::seconds(1), [] { return false; });
+  ASSERT_TRUE(is_last()) << state.error;
   EXPECT_EQ(state.changes, expected);
   for (const sim::Object& object : state.scene->scene.objects) EXPECT_EQ(height_m(object), 0.2);
 }

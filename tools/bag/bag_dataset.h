@@ -76,7 +76,7 @@ class BagRecorder {
 WrittenViews write_bag(Source& source, const Settings& settings, const RgbdOptions& options, bool with_truth,
                        const std::filesystem::path& out, const Common& common);
 
-// What is kept of a bag while it is read: a small file can contain any amount of it, because bags may be compressed.
+// Limits of the contents that are kept while a bag is read: a small compressed file can contain any amount.
 struct BagLimits {
   size_t text_bytes = kMostYamlBytes;       // of a message
   size_t all_text_bytes = size_t{1} << 30;  // of all messages
