@@ -60,7 +60,7 @@ int status_of(const std::string& command) {
   posix_spawn_file_actions_addclosefrom_np(&actions, STDERR_FILENO + 1);
   posix_spawnattr_t attributes;
   posix_spawnattr_init(&attributes);
-  sigset_t ignored;  // by this program (catch_interrupts()), which the command must not inherit
+  sigset_t ignored;  // by the live page's server, which the command must not inherit
   sigemptyset(&ignored);
   sigaddset(&ignored, SIGPIPE);
   posix_spawnattr_setsigdefault(&attributes, &ignored);

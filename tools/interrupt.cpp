@@ -21,8 +21,8 @@ void catch_interrupts() {
   std::signal(SIGTERM, note);
   if (std::signal(SIGHUP, note) == SIG_IGN) std::signal(SIGHUP, SIG_IGN);  // as nohup wants it
   // Ctrl-C also ends a program that reads the messages, such as tee; writing them must not end this one before its results
-  // are safe.
-  std::signal(SIGPIPE, SIG_IGN);
+  // are safe. Unlike an ignored signal, one with a handler is not inherited by started programs.
+  std::signal(SIGPIPE, [](int) {});
 }
 
 bool interrupted() { return caught; }

@@ -8,7 +8,7 @@ namespace fringeslam::tools {
 // Exit code of a program that Ctrl-C ended.
 constexpr int kInterrupted = 130;
 
-// Installs the signal handlers, and ignores SIGPIPE, which started programs inherit unless it is reset for them.
+// Installs the signal handlers. SIGPIPE does not end the program: writing to a pipe without a reader fails instead.
 void catch_interrupts();
 // True once a signal has arrived.
 bool interrupted();

@@ -96,11 +96,7 @@ pid_t start(const std::string& command, const std::filesystem::path& folder, con
   posix_spawn_file_actions_adddup2(&files, 1, 2);
   posix_spawnattr_t attributes;
   posix_spawnattr_init(&attributes);
-  sigset_t ignored;  // by this program, which the system must not inherit
-  sigemptyset(&ignored);
-  sigaddset(&ignored, SIGPIPE);
-  posix_spawnattr_setsigdefault(&attributes, &ignored);
-  posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETSID | POSIX_SPAWN_SETSIGDEF);
+  posix_spawnattr_setflags(&attributes, POSIX_SPAWN_SETSID);
   std::string shell = "sh", flag = "-c", text = command;
   char* words[] = {shell.data(), flag.data(), text.data(), nullptr};
   pid_t pid = -1;
