@@ -140,8 +140,8 @@ StoredPart MapJournal::saved(const StoredFrame& frame) {
   return *part;
 }
 
-// Called by steps: what the map says at present of the parts that the index has so far. All steps that wait while the disk
-// is full share it.
+// Called after each step: copies the last corrections to the entries that the index has so far. There is one copy of them,
+// however many steps wait while the disk is full.
 void MapJournal::bring_up_to_date() {
   std::shared_ptr<const Present> present;
   {

@@ -44,7 +44,7 @@ TruthFrame truth_of_8x8_px() {
   return truth;
 }
 
-// Of 8 x 8 pixels, the rows and columns 2 and 6 are sampled.
+// The rows and columns 2 and 6 of 8 x 8 pixels are sampled.
 TEST(MapScore, OnlyWhatTheSensorSeesIsToBeFound) {
   const RigModel rig = rig_of_8x8_px();
   TruthFrame truth = truth_of_8x8_px();
