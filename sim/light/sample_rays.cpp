@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "sim/light/sample_rays.h"
 
-#include <Eigen/Geometry>
+#include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
 #include <numbers>
@@ -35,16 +35,41 @@ Eigen::Vector2d on_disc(double a, double b) {
   return {r * std::cos(phi), r * std::sin(phi)};
 }
 
-// Ray origins of a pixel's samples in the unit pupil. They are the same for all pixels and symmetric about the centre,
-// so that fringes on a defocused smooth surface are blurred but not randomly shifted. Rows of the pixel grid map to
-// shuffled columns of the pupil grid, which decorrelates pixel and pupil positions.
-std::vector<Eigen::Vector2d> pupil_offsets(int per_pixel) {
+// Ray origins in the unit pupil of a pixel's samples, whose positions in the pixel are given. They are the same for all
+// pixels and have zero mean, so that fringes on a defocused smooth surface are blurred but not randomly shifted. They have
+// the variance of the unit disc, 1/4 along each axis, and do not widen or narrow the blur by correlation with the
+// positions in the pixel, so that the image of a fringe is blurred alike before and behind the focus.
+std::vector<Eigen::Vector2d> pupil_offsets(const std::vector<Eigen::Vector2d>& in_pixel) {
+  const auto per_pixel = static_cast<int>(in_pixel.size());
+  if (per_pixel == 1) return {{0, 0}};  // a single ray has no depth of field
+  Eigen::Matrix2d pixel_moments = Eigen::Matrix2d::Zero();
+  for (const Eigen::Vector2d& p : in_pixel) pixel_moments += p * p.transpose();
+  std::vector<Eigen::Vector2d> offsets;
+  if (per_pixel == 4) {
+    // Four samples cannot be uncorrelated in both planes; a quarter turn makes the correlation antisymmetric, so that it
+    // cancels in the covariance of the blur.
+    const double scale = std::sqrt(0.5 * per_pixel / pixel_moments.trace());
+    for (const Eigen::Vector2d& p : in_pixel) offsets.emplace_back(-scale * p.y(), scale * p.x());
+    return offsets;
+  }
   const int side = static_cast<int>(std::lround(std::sqrt(per_pixel)));
   int stride = std::max(1, static_cast<int>(std::lround(0.382 * side)));
   while (std::gcd(stride, side) != 1) ++stride;
   const auto place = [&](int i) { return (2 * (i * stride % side) + 1.0) / side - 1; };
-  std::vector<Eigen::Vector2d> offsets;
-  for (int i = 0; i < per_pixel; ++i) offsets.push_back(on_disc(place(i / side), place(i % side)));
+  // Rows of the pixel grid map to shuffled columns of the pupil grid; a linear map removes the remaining correlation.
+  Eigen::Matrix2d correlation = Eigen::Matrix2d::Zero(), moments = Eigen::Matrix2d::Zero();
+  for (int i = 0; i < per_pixel; ++i) {
+    offsets.push_back(on_disc(place(i / side), place(i % side)));
+    correlation += offsets.back() * in_pixel[static_cast<size_t>(i)].transpose();
+  }
+  const Eigen::Matrix2d pupil_from_pixel = correlation * pixel_moments.inverse();
+  for (int i = 0; i < per_pixel; ++i) {
+    Eigen::Vector2d& offset = offsets[static_cast<size_t>(i)];
+    offset -= pupil_from_pixel * in_pixel[static_cast<size_t>(i)];
+    moments += offset * offset.transpose() / per_pixel;
+  }
+  const Eigen::Matrix2d to_disc = 0.5 * Eigen::SelfAdjointEigenSolver<Eigen::Matrix2d>(moments).operatorInverseSqrt();
+  for (Eigen::Vector2d& offset : offsets) offset = to_disc * offset;
   return offsets;
 }
 
@@ -55,7 +80,7 @@ SampleRays sample_rays(const Pinhole& camera, int per_pixel, double extent) {
   SampleRays rays;
   rays.per_pixel = per_pixel;
   rays.extent = extent;
-  rays.pupil = pupil_offsets(per_pixel);
+  rays.pupil = pupil_offsets(offsets);
   const auto pixels = static_cast<size_t>(camera.width) * static_cast<size_t>(camera.height);
   rays.centres.resize(pixels);
   rays.samples.resize(pixels * offsets.size());

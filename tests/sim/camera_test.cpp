@@ -75,6 +75,30 @@ TEST(SampleRays, SamplesAreSpreadOverTheirPixel) {
   }
 }
 
+// The covariance of pixel plus c times pupil positions is that of the pixel positions plus c^2 times that of a disc, for
+// c of both signs: before and behind the focus.
+TEST(SampleRays, PupilBlursAsADisc) {
+  const Pinhole camera{3, 3, 1, 1, 0, 0, {}};  // rays are pixel coordinates
+  for (const int per_pixel : {4, 9, 16, 25, 64, 256}) {
+    const SampleRays rays = sample_rays(camera, per_pixel);
+    ASSERT_EQ(rays.pupil.size(), static_cast<size_t>(per_pixel));
+    for (const double c : {-2.0, -0.5, 0.5, 2.0}) {
+      Eigen::Vector2d mean = Eigen::Vector2d::Zero();
+      Eigen::Matrix2d pixel = Eigen::Matrix2d::Zero(), blurred = Eigen::Matrix2d::Zero();
+      for (size_t s = 0; s < rays.pupil.size(); ++s) {
+        const Eigen::Vector2d& p = rays.samples[s];
+        const Eigen::Vector2d at = p + c * rays.pupil[s];
+        mean += at / per_pixel;
+        pixel += p * p.transpose() / per_pixel;
+        blurred += at * at.transpose() / per_pixel;
+        EXPECT_LT(rays.pupil[s].norm(), 1.25) << per_pixel;  // the linear map lets few points leave the disc
+      }
+      EXPECT_LT(mean.norm(), 1e-12) << per_pixel;
+      EXPECT_LT((blurred - pixel - c * c / 4 * Eigen::Matrix2d::Identity()).norm(), 1e-12) << per_pixel << " " << c;
+    }
+  }
+}
+
 TEST(SampleRays, DistortionIsTakenOut) {
   const Pinhole camera{101, 81, 300, 300, 50, 40, {-0.2, 0.05, 0.001, -0.001, 0}};
   const SampleRays rays = sample_rays(camera, 1);

@@ -232,6 +232,26 @@ TEST(DepthOfField, BlursByTheCircleOfConfusion) {
   EXPECT_NEAR(edge(24, 33), 600, 1);
 }
 
+// Few samples blur a fringe as much as many, before and behind the focus: by exp(-2 pi^2 (c / 4)^2 / p^2).
+TEST(DepthOfField, FewSamplesBlurFringesAsMuchAsMany) {
+  constexpr double kPeriod = 32;
+  RigModel rig = coaxial_rig();
+  rig.camera_lens.f_number = 0.015;
+  rig.camera_lens.focus_m = 1;
+  for (const double distance : {0.8, 1.3}) {
+    const double circle = camera_pupil_m(rig) * 200 * std::abs(1 / distance - 1 / rig.camera_lens.focus_m);
+    const double kept = std::exp(-2 * kPi * kPi * circle * circle / 16 / (kPeriod * kPeriod));
+    ASSERT_LT(kept, 0.97) << distance;
+    for (const int samples : {4, 9, 64}) {
+      const auto sharp = lux_of(board(rig, distance), three_steps(kPeriod, 0), samples);
+      const auto soft = lux_of(board(rig, distance), three_steps(kPeriod, 0), samples, only(&Effects::depth_of_field));
+      for (int col = 8; col < 57; col += 3)
+        ASSERT_NEAR(std::abs(fringe(soft, 24, col) / fringe(sharp, 24, col)), kept, 4e-3)
+            << samples << " samples, " << distance << " m, column " << col;
+    }
+  }
+}
+
 // EMVA 1288: without temporal noise, DSNU is the standard deviation over the pixels in the dark and PRNU the relative
 // one under uniform light.
 TEST(Nonuniformity, IsThatOfTheSensor) {
