@@ -7,8 +7,8 @@
 #include <map>
 #include <utility>
 
-#include "bench/pose_judge.h"
 #include "core/decode/stack_motion.h"
+#include "core/score/pose_honesty.h"
 #include "core/score/score.h"
 #include "core/types/linear_algebra.h"
 
@@ -137,11 +137,12 @@ MovingRun moving_run(const sim::Scene& scene, const MovingRunOptions& options) {
     const Pose& mount = rig.robot_from_camera;
     const Pose true_pose = (reference.truth.world_from_robot * mount).inverse() * view.truth.world_from_robot * mount;
     const Pose& found = result.registration.earlier_from_current;
-    const Vector6d error = difference(found, true_pose);
+    const PoseHonesty honesty = pose_honesty(found, true_pose, result.covariance, rig);
     scored.has_pose = true;
     scored.baseline_m = true_pose.translation.norm();
-    scored.off_m = displacement_m(found, true_pose, rig);
-    scored.sigmas = std::sqrt(error.dot(solve_symmetric(result.covariance, error)));
+    scored.off_m = honesty.off_m;
+    scored.sigmas = honesty.sigmas();
+    scored.confidently_wrong = honesty.confidently_wrong();
     if (options.bound)
       scored.over_bound = error_over_bound(found, true_pose,
                                            information_in_motion(reference.frame, reference.truth, view.stack, result,

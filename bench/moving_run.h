@@ -18,10 +18,11 @@ struct MovingView {
   Tracking tracking = Tracking::lost;
   int images = 0;
   bool keyframe = false;
-  bool has_pose = false;      // registered with a keyframe; the following fields are set
-  double baseline_m = 0;      // distance of the camera from that of the keyframe
-  double off_m = 0;           // largest displacement of points of the view (bench/pose_judge.h)
-  double sigmas = 0;          // Mahalanobis distance of the pose error; its square is the NEES
+  bool has_pose = false;  // registered with a keyframe; the following fields are set
+  double baseline_m = 0;  // distance of the camera from that of the keyframe
+  double off_m = 0;       // largest displacement of points of the view (core/score/pose_honesty.h)
+  double sigmas = 0;      // Mahalanobis distance of the pose error; its square is the NEES
+  bool confidently_wrong = false;
   double over_bound = NAN;    // error relative to the Cramer-Rao bound; NaN unless requested
   double depth_m = NAN;       // median absolute depth error; NaN if no pixel was reconstructed
   double depth_sigmas = NAN;  // median of |error| / sigma: 0.67 if the sigmas are right

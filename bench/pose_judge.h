@@ -10,17 +10,14 @@
 
 namespace fringeslam::bench {
 
-// Largest displacement of points on the camera's axis and corner rays at the middle of its range.
-double displacement_m(const Pose& found, const Pose& truth, const RigModel& rig);
-
 struct Count {
   int found = 0, right = 0, wrong = 0, ambiguous = 0;
 
   Count& operator+=(const Count& other);
 };
 
-// Counts a registration: right within 1 mm, wrong if it is farther off than that and than ten sigmas. Prints those that
-// are not right, with `name` and the share of the view that both views see.
+// Counts a registration: right within 1 mm, or confidently wrong (core/score/pose_honesty.h). Prints those that are not
+// right, with `name` and the share of the view that both views see.
 void judge(const ViewRegistration& registration, const Pose& truth, const RigModel& rig, const std::string& name,
            double overlap, Count& count);
 

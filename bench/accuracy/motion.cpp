@@ -284,7 +284,6 @@ void drop_image(FringeStack& stack, size_t image) {
 }
 
 std::vector<Row> wrong_rows(const Context& context) {
-  constexpr double kSigmas = 10, kOff_m = 1e-3;
   const int motions = std::min(context.quick ? 20 : 1000, context.last_case);
   int wrong = 0, posed = 0, views = 0, lost = 0;
   std::array<int, 4> wrong_of{}, lost_of{}, views_of{};
@@ -342,7 +341,7 @@ std::vector<Row> wrong_rows(const Context& context) {
     const MovingRun run = moving_run(scene, options);
     for (const MovingView& v : run.views) {
       posed += v.has_pose;
-      if (v.has_pose && !(v.sigmas <= kSigmas) && !(v.off_m <= kOff_m)) {
+      if (v.confidently_wrong) {
         ++wrong;
         ++wrong_of[static_cast<size_t>(kind)];
         std::fprintf(

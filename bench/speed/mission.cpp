@@ -14,6 +14,7 @@
 #include "bench/process_memory.h"
 #include "bench/row.h"
 #include "core/mapper/pipeline.h"
+#include "core/score/pose_honesty.h"
 #include "core/score/score.h"
 #include "sim/random.h"
 #include "sim/virtual_rig.h"
@@ -22,9 +23,8 @@ namespace fringeslam::bench {
 
 namespace {
 
-constexpr int kReported = 250;  // views between lines of the table
-constexpr size_t kEarly = 100;  // views until buffers have their final size
-constexpr double kWrong_m = 1e-3, kWrong_sigmas = 10;
+constexpr int kReported = 250;         // views between lines of the table
+constexpr size_t kEarly = 100;         // views until buffers have their final size
 constexpr double kLeastOverlap = 0.3;  // of dropped views that have to be located
 
 struct ViewCost {
@@ -190,12 +190,12 @@ Relocations relocate(const KeyframeMap& map, const Trajectory& truth, int drops)
     }
     // The map drifts, so the pose is compared with that of its keyframe.
     const Pose expected = true_camera(map, truth, found.reference).inverse() * world_from_camera;
-    const Pose error = expected.inverse() * found.registration.earlier_from_current;
-    const double sigma_m = std::sqrt(found.covariance.bottomRightCorner<3, 3>().trace());
-    const bool wrong = translation_m(error) > kWrong_m && translation_m(error) > kWrong_sigmas * sigma_m;
+    const PoseHonesty honesty =
+        pose_honesty(found.registration.earlier_from_current, expected, found.covariance, scene.rig);
+    const bool wrong = honesty.confidently_wrong();
     if (wrong)
-      std::fprintf(stderr, "  drop %d: %.1f mm off keyframe %d, sigma %.3f mm\n", i, 1e3 * translation_m(error),
-                   found.reference, 1e3 * sigma_m);
+      std::fprintf(stderr, "  drop %d: %.1f mm and %.1f sigmas off keyframe %d\n", i, 1e3 * honesty.off_m,
+                   honesty.sigmas(), found.reference);
     ++(wrong ? result.wrong : result.located);
   }
   return result;

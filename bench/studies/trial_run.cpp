@@ -14,8 +14,8 @@
 #include "core/base/constants.h"
 #include "core/io/json_text.h"
 #include "core/score/depth_honesty.h"
+#include "core/score/pose_honesty.h"
 #include "core/score/score.h"
-#include "core/types/linear_algebra.h"
 
 namespace fringeslam::studies {
 
@@ -92,12 +92,6 @@ double true_overlap(const TruthFrame& previous, const TruthFrame& current, const
     }
   }
   return seen > 0 ? static_cast<double>(both) / seen : 0;
-}
-
-// Returns e^T C^-1 e for a motion's error e in the tangent space of retract().
-double squared_sigmas(const Pose& estimate, const Pose& truth, const Matrix6d& covariance) {
-  const Vector6d error = difference(estimate, truth);
-  return error.dot(solve_symmetric(covariance, error));
 }
 
 // Why the depth fails the rule; empty if it does not.
@@ -226,11 +220,9 @@ class Record {
     const Pose& mount = scene_.rig.robot_from_camera;
     const Pose true_motion = (earlier->world_from_robot * mount).inverse() * (truth.world_from_robot * mount);
     const Pose& measured = result.registration.earlier_from_current;
-    view.nees = squared_sigmas(measured, true_motion, result.covariance);
-    const Eigen::Vector3d middle(0, 0, scene_.rig.middle_range_m());
-    const double off_m =
-        std::max(translation_m(true_motion.inverse() * measured), (measured * middle - true_motion * middle).norm());
-    view.confidently_wrong = off_m > 1e-3 && !(view.nees <= 100);
+    const PoseHonesty honesty = pose_honesty(measured, true_motion, result.covariance, scene_.rig);
+    view.nees = honesty.squared_sigmas;
+    view.confidently_wrong = honesty.confidently_wrong();
   }
 
   void note_bound(const FrameResult& result, const TruthFrame& truth, const RigModel& calibration) {

@@ -5,8 +5,10 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 #include <opencv2/imgproc.hpp>
 #include <optional>
+#include <tuple>
 
 #include "core/landmarks/mutual_nearest.h"
 #include "core/landmarks/sift.h"
@@ -173,6 +175,19 @@ std::vector<DepthKeypoint> detect_depth_keypoints(const cv::Mat1f& levels, const
   return result;
 }
 
+std::vector<int> places_of(const std::vector<Keypoint>& keypoints) {
+  std::vector<size_t> order(keypoints.size());
+  std::iota(order.begin(), order.end(), 0);
+  const auto key = [&](size_t i) { return std::tuple(keypoints[i].pixel.x(), keypoints[i].pixel.y(), i); };
+  std::sort(order.begin(), order.end(), [&](size_t a, size_t b) { return key(a) < key(b); });
+  std::vector<int> place(keypoints.size());
+  for (size_t i = 0; i < order.size(); ++i) {
+    const bool again = i > 0 && keypoints[order[i]].pixel == keypoints[order[i - 1]].pixel;
+    place[order[i]] = again ? place[order[i - 1]] : static_cast<int>(order[i]);
+  }
+  return place;
+}
+
 std::vector<KeypointMatch> match_keypoints(const Keypoints& earlier, const Keypoints& current,
                                            const MatchOptions& options) {
   check_options(options, "matching");
@@ -186,6 +201,20 @@ std::vector<KeypointMatch> match_keypoints(const Keypoints& earlier, const Keypo
   for (const MutualPair& pair :
        mutual_nearest(earlier.descriptors.rows, current.descriptors.rows, distance2, 1e-12, options.max_ratio))
     matches.push_back({pair.earlier, pair.current, pair.distance, pair.ratio});
+  const std::vector<int> earlier_place = places_of(earlier.keypoints), current_place = places_of(current.keypoints);
+  std::vector<char> earlier_taken(earlier_place.size()), current_taken(current_place.size());
+  std::sort(matches.begin(), matches.end(), [](const KeypointMatch& a, const KeypointMatch& b) {
+    return std::tie(a.distance, a.current) < std::tie(b.distance, b.current);
+  });
+  std::erase_if(matches, [&](const KeypointMatch& match) {
+    char& e = earlier_taken[static_cast<size_t>(earlier_place[static_cast<size_t>(match.earlier)])];
+    char& c = current_taken[static_cast<size_t>(current_place[static_cast<size_t>(match.current)])];
+    const bool taken = e || c;
+    if (!taken) e = c = 1;
+    return taken;
+  });
+  std::sort(matches.begin(), matches.end(),
+            [](const KeypointMatch& a, const KeypointMatch& b) { return a.current < b.current; });
   return matches;
 }
 

@@ -63,7 +63,11 @@ Keypoints detect_keypoints(const Frame& frame, const RigModel& rig, const PixelR
 // too. Throws Error for options out of range.
 std::vector<DepthKeypoint> detect_depth_keypoints(const cv::Mat1f& levels, const KeypointOptions& options);
 
-// Returns the pairs that are mutual nearest neighbours and pass the ratio test, in the order of `current`.
+// Returns each keypoint's position index: the lowest index of the keypoints at its position, which differ in orientation.
+std::vector<int> places_of(const std::vector<Keypoint>& keypoints);
+
+// Returns the pairs that are mutual nearest neighbours and pass the ratio test, in the order of `current`. If pairs
+// share a position in either view, only the nearest of them counts: further orientations are no further evidence of a motion.
 std::vector<KeypointMatch> match_keypoints(const Keypoints& earlier, const Keypoints& current,
                                            const MatchOptions& options);
 

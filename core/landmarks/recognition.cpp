@@ -47,19 +47,6 @@ double footprint_m(const Eigen::Vector3d& point, const Pinhole& camera) {
   return std::max(0.0, point.z()) / std::min(camera.fx, camera.fy);
 }
 
-// Returns each keypoint's position index: the lowest index of the keypoints at its position.
-std::vector<int> places_of(const std::vector<Keypoint>& keypoints) {
-  std::vector<int> order(keypoints.size()), place(keypoints.size());
-  std::iota(order.begin(), order.end(), 0);
-  const auto key = [&](int i) { return std::tuple(at(keypoints, i).pixel.x(), at(keypoints, i).pixel.y(), i); };
-  std::sort(order.begin(), order.end(), [&](int a, int b) { return key(a) < key(b); });
-  for (size_t i = 0; i < order.size(); ++i) {
-    const bool again = i > 0 && at(keypoints, order[i]).pixel == at(keypoints, order[i - 1]).pixel;
-    at(place, order[i]) = again ? at(place, order[i - 1]) : order[i];
-  }
-  return place;
-}
-
 // Returns the landmarks of each keypoint.
 std::vector<std::vector<int>> owners_of(const Landmarks& landmarks) {
   std::vector<std::vector<int>> owners(landmarks.keypoints.keypoints.size());

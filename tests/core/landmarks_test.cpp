@@ -155,6 +155,7 @@ Keypoints with_descriptors(const std::vector<Eigen::VectorXf>& descriptors) {
   keypoints.keypoints.resize(descriptors.size());
   keypoints.descriptors = cv::Mat1f(static_cast<int>(descriptors.size()), 128, 0.0F);
   for (size_t i = 0; i < descriptors.size(); ++i) {
+    keypoints.keypoints[i].pixel.x() = static_cast<double>(i);
     for (int k = 0; k < descriptors[i].size(); ++k) keypoints.descriptors(static_cast<int>(i), k) = descriptors[i][k];
   }
   return keypoints;
@@ -200,6 +201,19 @@ TEST(Matching, PairsAreEachOthersNearest) {
   EXPECT_EQ(matches[0].earlier, 0);
   EXPECT_EQ(matches[0].current, 1);
   EXPECT_NEAR(matches[0].distance, 2 * std::sin(0.017453292519943295), 1e-3);
+}
+
+TEST(Matching, OrientationsOfOnePositionCountOnce) {
+  Keypoints earlier = with_descriptors({at_angle(0), at_angle(40), at_angle(80)}),
+            current = with_descriptors({at_angle(1), at_angle(42), at_angle(83)});
+  EXPECT_EQ(match_keypoints(earlier, current, {}).size(), 3U);
+  earlier.keypoints[1].pixel = earlier.keypoints[2].pixel;
+  current.keypoints[1].pixel = current.keypoints[2].pixel;
+  const auto matches = match_keypoints(earlier, current, {});
+  ASSERT_EQ(matches.size(), 2U);
+  EXPECT_EQ(matches[0].current, 0);
+  EXPECT_EQ(matches[1].current, 1) << "the orientation with the nearest descriptor";
+  EXPECT_EQ(matches[1].earlier, 1);
 }
 
 TEST(Matching, AmbiguousPairsFailTheRatioTest) {

@@ -9,6 +9,7 @@
 #include <numbers>
 
 #include "core/depth/depth.h"
+#include "core/score/pose_honesty.h"
 #include "tests/support/matchers.h"
 #include "tests/support/scene.h"
 
@@ -167,6 +168,44 @@ TEST(MotionScore, DifferencesOfTheSixNumbers) {
   EXPECT_THAT(score.error.angles_deg, MatrixNear(Eigen::Vector3d(-0.2, 0, 0), 1e-9));
   EXPECT_NEAR(score.translation_error_m, 1e-3 * std::sqrt(0.04 * 0.04 + 0.2 * 0.2 + 0.21 * 0.21), 1e-12);
   EXPECT_NEAR(score.rotation_error_rad, 0.2 * std::numbers::pi / 180, 1e-12);
+}
+
+// A sigma of 1 mm along each axis and of 1 mrad about each.
+Matrix6d millimetres_and_milliradians() { return 1e-6 * Matrix6d::Identity(); }
+
+TEST(PoseHonesty, DisplacementIsThatOfThePointsAtTheMiddleOfTheRange) {
+  RigModel rig;
+  rig.camera = {100, 80, 100, 100, 49.5, 39.5, {}};
+  rig.near_m = 1, rig.far_m = 3;
+  const Pose truth = pose_from({{500, -20, 30}, {10, 20, 30}});
+  // A shift along the axis moves all points alike; a turn about the axis moves only those on the corner rays, which are
+  // 2 m * hypot(0.5, 0.4) from it.
+  const PoseHonesty shifted = pose_honesty(truth * Pose{Eigen::Matrix3d::Identity(), {0, 0, 0.003}}, truth,
+                                           millimetres_and_milliradians(), rig);
+  EXPECT_NEAR(shifted.off_m, 0.003, 1e-12);
+  EXPECT_NEAR(shifted.sigmas(), 3, 1e-3);
+  const PoseHonesty turned =
+      pose_honesty(truth * Pose{rotation_exp({0, 0, 0.004}), {0, 0, 0}}, truth, millimetres_and_milliradians(), rig);
+  EXPECT_NEAR(turned.off_m, 2 * std::sin(0.002) * 2 * std::hypot(0.5, 0.4), 1e-12);
+  EXPECT_NEAR(turned.sigmas(), 4, 1e-3);
+}
+
+TEST(PoseHonesty, ConfidentlyWrongIsFarOffInMillimetresAndInSigmas) {
+  RigModel rig;
+  rig.camera = {100, 80, 100, 100, 49.5, 39.5, {}};
+  const auto wrong_with = [&](double off_mm, const Matrix6d& covariance) {
+    return pose_honesty({Eigen::Matrix3d::Identity(), {1e-3 * off_mm, 0, 0}}, {}, covariance, rig).confidently_wrong();
+  };
+  const auto wrong = [&](double off_mm, double sigma_mm) {
+    return wrong_with(off_mm, sigma_mm * sigma_mm * millimetres_and_milliradians());
+  };
+  EXPECT_TRUE(wrong(2, 0.19));
+  EXPECT_FALSE(wrong(2, 0.21));    // not 10 sigmas
+  EXPECT_FALSE(wrong(0.9, 0.01));  // not 1 mm
+  EXPECT_TRUE(wrong(2, kNaN));
+  EXPECT_TRUE(wrong(kNaN, 1));
+  EXPECT_TRUE(wrong_with(2, Matrix6d::Zero()));
+  EXPECT_TRUE(wrong_with(2, -millimetres_and_milliradians()));
 }
 
 Matrix6d information_of(const support::Surface& surface, const RigModel& rig, const Pose& motion, double sigma_m) {
