@@ -88,6 +88,8 @@ class RateLimiter {
 // Explains runs that reconstruct nearly nothing, or track no view.
 class Emptiness {
  public:
+  // `map`: the saved map that the run continues; empty if it starts one.
+  explicit Emptiness(const fs::path& map) : map_(map) {}
   void add(const FringeStack& stack, const FrameResult& result) {
     if (!first_) first_ = stack;
     const auto valid = std::count_if(result.frame.points_m.begin(), result.frame.points_m.end(),
@@ -133,6 +135,9 @@ class Emptiness {
              "the images of each stack disagree as if the camera had moved, but no motion explains them; if it stood "
              "still, add --set tracking.at_rest=true; if the projector's response is not linear, measure it with "
              "`fringeslam calibrate response` and pass its rig.yaml with --rig";
+    if (!map_.empty())
+      return none + "none was found in " + map_.string() +
+             "; check that the map shows the same place from nearby viewpoints, and the images with overview.png";
     return none + "too little surface is visible to start a map; check exposure, working range and overview.png";
   }
 
@@ -140,6 +145,7 @@ class Emptiness {
     int64_t valid = 0;
     size_t pixels = 0;
   };
+  fs::path map_;
   std::optional<FringeStack> first_;
   std::map<int, LostView> lost_;  // by the index of the stack
   int64_t pixels_ = 0, valid_ = 0;
@@ -275,7 +281,7 @@ int run(const RunArguments& arguments, const Common& common) {
   if (arguments.real_time) camera.emplace(*rig, source->sequence(), kWaitingStacks, Pace::timestamps, interrupted);
   const auto dropped = [&] { return camera ? camera->dropped() : 0; };
   RateLimiter rate(arguments.live_rate_hz);
-  Emptiness emptiness;
+  Emptiness emptiness(map);
   RunPhases phases(folder.path(), common.quiet || common.json);
   int mapped = 0;
   bool all_mapped = false;

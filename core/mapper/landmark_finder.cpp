@@ -24,4 +24,9 @@ FoundLandmarks LandmarkFinder::find(const Frame& frame, bool longer) const {
   return found;
 }
 
+std::vector<Recognition> LandmarkFinder::search_longer(const Landmarks& landmarks) const {
+  enter_stage("landmarks");
+  return database_.reidentify(landmarks, true);
+}
+
 }  // namespace fringeslam

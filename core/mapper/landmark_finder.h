@@ -31,6 +31,8 @@ class LandmarkFinder {
   LandmarkFinder(const RigModel& rig, const LandmarkFinderOptions& options);
   // Finds the landmarks of a frame and re-identifies those of earlier keyframes; searches longer, if asked to, when none is.
   FoundLandmarks find(const Frame& frame, bool longer) const;
+  // Searches longer for the landmarks of a frame in which find() re-identified none.
+  std::vector<Recognition> search_longer(const Landmarks& landmarks) const;
   void add_keyframe(int keyframe, const KnownLandmarks& landmarks) { database_.add(keyframe, landmarks); }
   // Adds keyframes 0 to count - 1.
   void add_keyframes(int count, const std::function<const KnownLandmarks&(int keyframe)>& landmarks_of) {

@@ -404,7 +404,10 @@ ExpectedView Mapper::expected_view(const Pose& world_from_current, const Matrix6
 
 // Relocalizes by landmarks, wherever in the map they were seen, or else by all keypoints of the last keyframe.
 bool Mapper::relocalize(FrameResult& result) {
-  if (result.keypoints.detected == 0 || result.recognitions.empty()) find_landmarks(result, true);
+  if (result.keypoints.detected == 0)
+    find_landmarks(result, true);
+  else if (result.recognitions.empty())
+    result.recognitions = finder_.search_longer(result.landmarks);
   enter_stage("locate");
   const int last = track_.empty() ? static_cast<int>(map_.keyframes().size()) - 1 : track_.back().keyframe;
   std::shared_ptr<const Landmarks> landmarks;

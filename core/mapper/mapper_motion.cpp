@@ -56,6 +56,7 @@ namespace {
 // True if fewer than this share of the pixels with fringes have a fringe order.
 bool lacks_fringe_orders(const FrameResult& result, double share) {
   const cv::Mat1f &phase = result.decoded.wrapped_phase, &coordinate = result.decoded.coordinate_px;
+  if (phase.empty() || coordinate.empty()) return false;  // a front end that does not decode fringes
   return cv::countNonZero(coordinate == coordinate) < share * cv::countNonZero(phase == phase);
 }
 

@@ -94,21 +94,6 @@ TEST(Mapper, AViewWithoutDepthDoesNotStartAMap) {
   EXPECT_EQ(mapper.process(frame).tracking, Tracking::first);
 }
 
-// Blobs of different brightness on the surface, which keypoints re-identify.
-void print_texture(Frame& frame, const Pose& world_from_camera) {
-  frame.texture.create(frame.points_m.size());
-  for (int row = 0; row < frame.height(); ++row) {
-    for (int col = 0; col < frame.width(); ++col) {
-      const cv::Vec3f& p = frame.points_m(row, col);
-      const Eigen::Vector3d world = world_from_camera * Eigen::Vector3d(p[0], p[1], p[2]);
-      double level = 128;
-      for (int k = 1; k <= 6; ++k)
-        level += 20 * std::sin((60 + 31 * k) * world.x() + 7.0 * k * k) * std::cos((45 + 37 * k) * world.y() + 3.0 * k);
-      frame.texture(row, col) = frame.valid(row, col) ? cv::saturate_cast<uchar>(level) : 0;
-    }
-  }
-}
-
 // A robot that returns to its start and stops there closes the loop, although it sees nothing new.
 TEST(Mapper, LoopIsClosedWhereTheRobotReturns) {
   const RigModel rig = support::small_rig(true);
@@ -124,7 +109,7 @@ TEST(Mapper, LoopIsClosedWhereTheRobotReturns) {
     const Pose pose{Eigen::Matrix3d::Identity(), {kRadius_m * (std::cos(angle) - 1), kRadius_m * std::sin(angle), 0}};
     Frame frame = support::observe(support::bumps(1, 0.03, 0.23), rig, pose, 1e-4, &noise);
     frame.timestamp_s = 0.1 * i;
-    print_texture(frame, pose);
+    support::print_texture(frame, pose);
     const FrameResult result = mapper.process(frame);
     ASSERT_TRUE(has_pose(result.tracking)) << i;
     unlinked += result.unlinked >= 0;

@@ -119,6 +119,20 @@ Frame observe(const Surface& surface, const RigModel& rig, const Pose& world_fro
   return frame;
 }
 
+void print_texture(Frame& frame, const Pose& world_from_camera) {
+  frame.texture.create(frame.points_m.size());
+  for (int row = 0; row < frame.height(); ++row) {
+    for (int col = 0; col < frame.width(); ++col) {
+      const cv::Vec3f& p = frame.points_m(row, col);
+      const Eigen::Vector3d world = world_from_camera * Eigen::Vector3d(p[0], p[1], p[2]);
+      double level = 128;
+      for (int k = 1; k <= 6; ++k)
+        level += 20 * std::sin((60 + 31 * k) * world.x() + 7.0 * k * k) * std::cos((45 + 37 * k) * world.y() + 3.0 * k);
+      frame.texture(row, col) = frame.valid(row, col) ? cv::saturate_cast<uchar>(level) : 0;
+    }
+  }
+}
+
 TruthFrame truth_of(const Surface& surface, const RigModel& rig, const Pose& world_from_camera) {
   const cv::Size size(rig.camera.width, rig.camera.height);
   TruthFrame truth;

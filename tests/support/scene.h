@@ -41,6 +41,9 @@ RigModel small_rig(bool distorted);
 Frame observe(const Surface& surface, const RigModel& rig, const Pose& world_from_camera, double sigma_m,
               Random* noise = nullptr);
 
+// Gives a frame the texture of blobs of different brightness on the surface, which keypoints re-identify.
+void print_texture(Frame& frame, const Pose& world_from_camera);
+
 // Renders the ground truth of the same view.
 TruthFrame truth_of(const Surface& surface, const RigModel& rig, const Pose& world_from_camera);
 

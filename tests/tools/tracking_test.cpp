@@ -221,6 +221,15 @@ TEST_F(ManyViews, GoOnInASavedMap) {
   }
 }
 
+TEST_F(ManyViews, OfAnotherPlaceAreNotFoundInASavedMap) {
+  const std::string here = scene("here", kStep);
+  run(here, "before", {"--save-map"});
+  const test::Finished finished = run_program({"run", here, "--seed", "77", "--out", at("elsewhere"), "--quiet",
+                                               "--map", at("before/saved.map"), "--set", "render.samples_per_pixel=1"});
+  EXPECT_EQ(finished.exit_code, 1);
+  EXPECT_THAT(finished.err, HasSubstr(here + ": no view of 2 has a pose: none was found in " + at("before/saved.map")));
+}
+
 // The first view in the map has no predecessor that predicts its motion.
 TEST_F(ManyViews, GoOnInASavedMapInMotion) {
   const std::string loop = std::string(FRINGESLAM_SOURCE_DIR) + "/scenes/loop";
