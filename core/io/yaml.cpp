@@ -62,6 +62,12 @@ struct YamlMap::Node {
     std::string file;
   };
   std::vector<Foreign> foreign;
+  // Values that set() put in place with all their parts, and where they were given.
+  struct Change {
+    YAML::Node value;
+    std::string place;
+  };
+  std::shared_ptr<std::vector<Change>> changes = std::make_shared<std::vector<Change>>();
 
   const std::string& file_of(const YAML::Node& node) const {
     for (const Foreign& other : foreign) {
@@ -82,9 +88,32 @@ struct YamlMap::Node {
     }
   }
 
+  void note_change(const YAML::Node& value, const std::string& place) {
+    // The node of a map or list refers to another value once this one is replaced, so a node of its own is noted. An
+    // assigned handle becomes one of the other node, while the node that it was a handle of refers to the value.
+    const YAML::Node noted(YAML::NodeType::Null);
+    YAML::Node handle(noted);
+    handle = value;
+    changes->push_back({noted, place});
+    for (const auto& part : value) note_change(value.IsMap() ? part.second : YAML::Node(part), place);
+  }
+
+  // Returns where a value was given that set() put in place; empty: it was not.
+  std::string change_of(const YAML::Node& node) const {
+    for (const Change& change : *changes) {
+      if (node.is(change.value)) return change.place;
+    }
+    return "";
+  }
+
   std::string where(const YAML::Node& node) const {
+    if (const std::string change = change_of(node); !change.empty()) return change + ": ";
+    return place_in_file(node) + ": ";
+  }
+
+  std::string place_in_file(const YAML::Node& node) const {
     const YAML::Mark mark = node.Mark();
-    return file_of(node) + (mark.is_null() ? "" : ":" + std::to_string(mark.line + 1)) + ": ";
+    return file_of(node) + (mark.is_null() ? "" : ":" + std::to_string(mark.line + 1));
   }
 
   YAML::Node find(const std::string& key) {
@@ -119,6 +148,7 @@ struct YamlMap::Node {
     node->yaml.reset(value);
     node->file = file_of(value);
     node->foreign = foreign;
+    node->changes = changes;
     node->path = path + "/" + name;
     node->draws = draws;
     node->asked_paths = asked_paths;
@@ -128,11 +158,6 @@ struct YamlMap::Node {
     node->absent = absent;
     children.push_back(node);
     return node;
-  }
-
-  std::string place_of(const YAML::Node& node) const {
-    const std::string text = where(node);
-    return text.substr(0, text.size() - 2);
   }
 
   void record(const std::string& key, YamlValue value) const {
@@ -148,12 +173,12 @@ struct YamlMap::Node {
     if (value.IsMap() && draws) {
       const double drawn = draw(value, key, range, whole, path + "/" + key + element);
       if (values)
-        record(key + element, {{}, fringeslam::to_text(drawn), flow_text(value), place_of(value), range, whole});
+        record(key + element, {{}, fringeslam::to_text(drawn), flow_text(value), place_in_file(value), range, whole});
       value = fringeslam::to_text(drawn);
       return drawn;
     }
     const double number = given_number(value, key, range);
-    if (values) record(key + element, {{}, value.Scalar(), {}, place_of(value), range, whole});
+    if (values) record(key + element, {{}, value.Scalar(), {}, place_in_file(value), range, whole});
     return number;
   }
 
@@ -359,7 +384,7 @@ std::string YamlMap::Node::to_text(const std::string& key) {
     const double u = draws->uniform(fnv1a(path + "/" + key), 0);
     const YAML::Node chosen = choices[static_cast<size_t>(std::min(n - 1, std::floor(n * u)))];
     if (chosen.IsScalar()) {
-      if (values) record(key, {{}, chosen.Scalar(), flow_text(value), place_of(value), {}, false});
+      if (values) record(key, {{}, chosen.Scalar(), flow_text(value), place_in_file(value), {}, false});
       value = chosen.Scalar();
     }
   }
@@ -504,13 +529,15 @@ std::string YamlMap::yaml(const std::string& key) const { return flow_text(node_
 
 Error YamlMap::error(const std::string& key, const std::string& message) const {
   for (const auto& entry : node_->yaml) {
-    const bool own = node_->file_of(entry.second) == node_->file;
+    const bool own = node_->file_of(entry.second) == node_->file && node_->change_of(entry.second).empty();
     if (entry.first.Scalar() == key) return Error(node_->where(own ? entry.first : entry.second) + message);
   }
   return error(message);
 }
 
-std::string YamlMap::place() const { return node_->place_of(node_->yaml); }
+std::string YamlMap::place() const { return node_->place_in_file(node_->yaml); }
+
+std::string YamlMap::place(const std::string& key) const { return node_->place_in_file(node_->require(key)); }
 
 Error YamlMap::error(const std::string& message) const { return Error(node_->where(node_->yaml) + message); }
 
@@ -568,7 +595,7 @@ bool is_pose(const YAML::Node& node) {
 
 }  // namespace
 
-void YamlMap::set(const std::string& path, const std::string& value) {
+void YamlMap::set(const std::string& path, const std::string& value, const std::string& place) {
   const YAML::Node parsed = parse_yaml("value: " + value, path + "=" + value);
   if (parsed.size() != 1) throw Error(path + "=" + value + ": must be one YAML value; give further keys by themselves");
   YAML::Node at;
@@ -578,7 +605,8 @@ void YamlMap::set(const std::string& path, const std::string& value) {
     const size_t end = std::min(path.find('.', begin), path.size());
     const std::string step = path.substr(begin, end - begin);
     const auto missing = [&](const std::string& what) {
-      return Error(node_->file + ": " + path + ": " + (begin > 0 ? path.substr(0, begin - 1) + " " : "") + what);
+      return Error((place.empty() ? node_->file + ": " + path : place) + ": " +
+                   (begin > 0 ? path.substr(0, begin - 1) + " " : "") + what);
     };
     if (step.empty()) throw missing("is followed by an empty name");
     size_t number = 0;
@@ -589,14 +617,18 @@ void YamlMap::set(const std::string& path, const std::string& value) {
     } else if (!at.IsMap()) {
       throw missing("is a scalar and has no sub-keys");
     }
-    if (end == path.size()) {
+    const auto change = [&](const YAML::Node& new_value) {
       if (at.IsSequence())
-        at[number] = without_marks(parsed["value"]);
+        at[number] = new_value;
       else
-        at[step] = without_marks(parsed["value"]);
+        at[step] = new_value;
+      if (!place.empty()) node_->note_change(new_value, place);
+    };
+    if (end == path.size()) {
+      change(without_marks(parsed["value"]));
       return;
     }
-    if (at.IsMap() && !at[step]) at[step] = YAML::Node(YAML::NodeType::Map);
+    if (at.IsMap() && !at[step]) change(YAML::Node(YAML::NodeType::Map));
     const YAML::Node next = at.IsSequence() ? at[number] : at[step];
     at.reset(next);
     begin = end + 1;
@@ -613,6 +645,7 @@ YamlMap YamlMap::changed_by(const YamlMap& changes, const std::vector<std::strin
   node->values = changes.node_->values;
   node->above_values = changes.node_->above_values;
   node->asked_paths = changes.node_->asked_paths;
+  node->changes = changes.node_->changes;
   const std::function<void(YAML::Node, const YAML::Node&)> put = [&](YAML::Node under, const YAML::Node& over) {
     for (const auto& entry : over) {
       const std::string key = entry.first.Scalar();

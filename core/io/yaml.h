@@ -103,14 +103,16 @@ class YamlMap {
   // that were noted.
   std::vector<std::filesystem::path> asked_files() const;
 
-  // Returns file:line of this map, or the file if the line is unknown.
+  // Returns file:line of this map, or of one of its values, or the file if the line is unknown.
   std::string place() const;
+  std::string place(const std::string& key) const;
 
   void finish() const;
 
   // Replaces the value at a path such as light.ambient_lux or objects.2.count by a YAML value; missing intermediate
-  // maps are created. Throws Error if an element of the path does not exist.
-  void set(const std::string& path, const std::string& value);
+  // maps are created. Errors in the value, or about its key, are reported at `place`, by default at this file.
+  // Throws Error if an element of the path does not exist.
+  void set(const std::string& path, const std::string& value, const std::string& place = "");
   // Merges `changes` over this map, except for the keys in `except`. Maps are merged recursively; all other values, and
   // poses, are replaced. This map is modified as well. The result uses the random draws and the error collection of
   // `changes`, all of whose keys are marked as read.

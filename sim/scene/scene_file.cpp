@@ -37,7 +37,7 @@ class SceneLayers {
   SceneLayers(const fs::path& file, const SceneLoadOptions& reading) : reading_(reading) {
     add(file, "");
     for (const YamlMap& layer : std::vector<YamlMap>(layers_)) place_from(layer);
-    for (const auto& [path, value] : reading_.changes) change(path, value);
+    for (const auto& [path, value] : reading_.changes) change(path, value, "");
     seed = reading.seed.value_or(has("seed") ? with("seed").seed("seed") : 1);
     const auto draws = std::make_shared<SceneDraws>(seed);
     for (size_t i = 0; i < layers_.size(); ++i) {
@@ -96,16 +96,16 @@ class SceneLayers {
     if (!layer.has("placed")) return;
     const YamlMap placed = layer.map("placed");
     for (const std::string& path : placed.keys()) {
-      const std::string value = placed.yaml(path);
+      const std::string value = placed.yaml(path), place = placed.place(path);
       try {
-        change(path, value);
+        change(path, value, place);
       } catch (const Error& e) {
-        placed.report(placed.error(path, e.what()));
+        placed.report(std::string_view(e.what()).starts_with(place + ": ") ? e : placed.error(path, e.what()));
       }
     }
   }
 
-  void change(const std::string& path, const std::string& value) {
+  void change(const std::string& path, const std::string& value, const std::string& place) {
     const std::string section = path.substr(0, path.find('.'));
     // These sections are read before any value is replaced, so that the change would have no effect.
     if (section == "include" || section == "placed")
@@ -115,7 +115,7 @@ class SceneLayers {
                                   path + ": scenes have no hardware; edit the file of the rig that is captured with");
     YamlMap* layer = owner_of(path);
     if (!layer) throw unknown_material(path);
-    layer->set(path, value);
+    layer->set(path, value, place);
   }
 
   // Returns the layer whose value a key path changes: the first one that has the section or, since materials are merged from

@@ -276,9 +276,33 @@ TEST_F(SceneVariant, PlacesOfAnIncludedFileReplaceThoseOfTheScene) {
   reading.changes = {{"objects.1.pose.translation_m", "[0, 0, 0]"}};
   EXPECT_EQ(load_scene(temp_ / "scene.yaml", reading).objects[1].world_from_object.translation,
             Eigen::Vector3d::Zero());
-  write_text(temp_ / "placed.yaml", "placed:\n  objects.7.pose.translation_m: [0.1, 0.2, 0.3]\n");
-  EXPECT_THAT(error_of([&] { load_scene(temp_ / "scene.yaml"); }),
-              AllOf(StartsWith((temp_ / "placed.yaml").string() + ":2: "), HasSubstr("is a list of 2")));
+}
+
+// Errors name the line in `placed`, not that of the value that is replaced.
+TEST_F(SceneVariant, WrongPlacesAreReportedWhereTheyAreGiven) {
+  (void)file("", "include: placed.yaml\n");
+  for (const auto& [line, error] : std::initializer_list<std::pair<const char*, const char*>>{
+           {"objects.7.pose.translation_m: [0.1, 0.2, 0.3]", "objects is a list of 2"},
+           {"light.ambiant_lux: 3", "unknown key 'ambiant_lux'; did you mean 'ambient_lux'?"},
+           {"light.ambient_lux: dim", "'ambient_lux' must be a number"},
+           {"light.ambient_lux: -5", "'ambient_lux'"},
+           {"light: {ambient_lux: dim}", "'ambient_lux' must be a number"},
+           {"objects.1.pose: {translation_mm: [0, 0, high]}", "'translation_mm'"},
+           {"objects.1.pose.translation_mm: [0, 0, high]", "'translation_mm'"},
+           {"light.ambient_lux: {uniform: [1, x]}", "'ambient_lux' must be a number"},
+           {"objects: [{shape: plane, size_m: [1, high]}]", "'size_m'"},
+           {"lamps.first.ambient_lux: 3", "unknown key 'lamps'"}}) {
+    write_text(temp_ / "placed.yaml", std::string("placed:\n  name: placed\n  ") + line + "\n");
+    EXPECT_THAT(error_of([&] { load_scene(temp_ / "scene.yaml"); }),
+                AllOf(StartsWith((temp_ / "placed.yaml").string() + ":3: "), HasSubstr(error)))
+        << line;
+  }
+  // A change by option replaces the value of the file.
+  write_text(temp_ / "placed.yaml", "placed:\n  light: {ambient_lux: 3}\n");
+  SceneLoadOptions reading;
+  reading.changes = {{"light.ambient_lux", "dim"}};
+  EXPECT_THAT(error_of([&] { load_scene(temp_ / "scene.yaml", reading); }),
+              AllOf(StartsWith((temp_ / "scene.yaml").string() + ": "), HasSubstr("'ambient_lux' must be a number")));
 }
 
 }  // namespace
