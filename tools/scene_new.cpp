@@ -115,7 +115,7 @@ int new_scene(const NewArguments& arguments, const Common& common) {
     throw Error("scene new: give either the scene to copy by --from or a mesh file by --mesh");
   if (!arguments.mesh.empty()) {
     const fs::path target = in_folder(arguments.name, arguments.in);
-    create_mesh_scene(arguments.mesh, target, [&](const fs::path& copy) { fs::copy_file(arguments.mesh, copy); });
+    create_mesh_scene(arguments.mesh, target, [&](const fs::path& copy) { copy_mesh(arguments.mesh, copy); });
     return report_new(target, common);
   }
   const fs::path from = fs::exists(arguments.from) ? fs::path(arguments.from) : in_folder(arguments.from, arguments.in);

@@ -35,7 +35,7 @@ Eigen::Vector2d on_disc(double a, double b) {
   return {r * std::cos(phi), r * std::sin(phi)};
 }
 
-// Ray origins in the unit pupil of a pixel's samples, whose positions in the pixel are given. They are the same for all
+// Ray origins in about the unit pupil of a pixel's samples, whose positions in the pixel are given. They are the same for all
 // pixels and have zero mean, so that fringes on a defocused smooth surface are blurred but not randomly shifted. They have
 // the variance of the unit disc, 1/4 along each axis, and do not widen or narrow the blur by correlation with the
 // positions in the pixel, so that the image of a fringe is blurred alike before and behind the focus.
@@ -46,7 +46,7 @@ std::vector<Eigen::Vector2d> pupil_offsets(const std::vector<Eigen::Vector2d>& i
   for (const Eigen::Vector2d& p : in_pixel) pixel_moments += p * p.transpose();
   std::vector<Eigen::Vector2d> offsets;
   if (per_pixel == 4) {
-    // Four samples cannot be uncorrelated in both planes; a quarter turn makes the correlation antisymmetric, so that it
+    // Four starting points cannot be uncorrelated with the positions in the pixel; a quarter turn makes the correlation antisymmetric, so that it
     // cancels in the covariance of the blur.
     const double scale = std::sqrt(0.5 * per_pixel / pixel_moments.trace());
     for (const Eigen::Vector2d& p : in_pixel) offsets.emplace_back(-scale * p.y(), scale * p.x());

@@ -15,7 +15,7 @@ struct SampleRays {
   double extent = 1;                     // edge of the square over which a pixel's samples are spread, px
   std::vector<Eigen::Vector2d> samples;  // pixel-major
   std::vector<Eigen::Vector2d> centres;
-  std::vector<Eigen::Vector2d> pupil;  // origin of each sample in the unit pupil
+  std::vector<Eigen::Vector2d> pupil;  // origin of each sample; the unit pupil, but for few points just outside
 };
 
 // Computes the rays of `per_pixel` samples (a square number) whose mean position is the pixel centre.

@@ -25,8 +25,6 @@ namespace fringeslam::sim {
 
 namespace {
 
-constexpr uint64_t kMostMeshBytes = 4096 * kMebibyte;  // of a mesh file, and of each file that it refers to
-
 RawMesh raw_mesh(const aiMesh& mesh) {
   RawMesh raw;
   raw.name = mesh.mName.C_Str();

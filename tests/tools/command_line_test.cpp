@@ -435,6 +435,35 @@ TEST(CommandLineScene, AreMadeFromOthers) {
   EXPECT_EQ(run_program({"scene", "new", (temp / "x").string(), "--from", (temp / "none").string()}).exit_code, 2);
 }
 
+// A mesh brings its materials and textures, from wherever they are found.
+TEST(CommandLineScene, AreMadeFromAMesh) {
+  const test::TempFolder temp;
+  constexpr const char* kTetrahedron =
+      "v 0 0 0\nv 0.3 0 0\nv 0 0.3 0\nv 0 0 0.3\nvt 0 0\nvt 1 0\nvt 0 1\n"
+      "usemtl m\nf 1/1 3/2 2/3\nf 1/1 2/2 4/3\nf 1/1 4/2 3/3\nf 2/1 3/2 4/3\n";
+  const auto made_from = [&](const std::string& mesh, const std::string& name) {
+    return run_program({"scene", "new", (temp / name).string(), "--mesh", (temp / mesh).string(), "--quiet"});
+  };
+  test::write_bytes(temp / "kit/meshes/part.obj", std::string("mtllib m/part.mtl\n") + kTetrahedron);
+  test::write_bytes(temp / "kit/meshes/m/part.mtl", "newmtl m\nmap_Kd ../../images/paint.png\n");
+  test::fs::create_directories(temp / "kit/materials/textures");
+  write_png(temp / "kit/materials/textures/paint.png", cv::Mat1b(4, 4, uchar{128}));
+  ASSERT_EQ(made_from("kit/meshes/part.obj", "scene").exit_code, 0);
+  test::fs::remove_all(temp / "kit");
+  EXPECT_TRUE(test::fs::exists(temp / "scene/m/part.mtl"));
+  EXPECT_TRUE(test::fs::exists(temp / "scene/paint.png"));
+  run_successfully({"scene", "check", (temp / "scene").string(), "--quiet"});
+
+  // Other files of the user stay where they are.
+  test::write_bytes(temp / "kit/meshes/part.obj", std::string("mtllib ../part.mtl\n") + kTetrahedron);
+  test::write_bytes(temp / "kit/part.mtl", "newmtl m\nKd 0.9 0.9 0.9\n");
+  const test::Finished refused = made_from("kit/meshes/part.obj", "none");
+  EXPECT_EQ(refused.exit_code, 2);
+  EXPECT_THAT(refused.err,
+              HasSubstr("part.obj: refers to " + (temp / "kit/part.mtl").string() + ", which is not copied"));
+  EXPECT_FALSE(test::fs::exists(temp / "none"));
+}
+
 // Their name is a text like any other, and the scene file may have lines of any length.
 TEST(CommandLineScene, AreMadeWithAnyName) {
   const test::TempFolder temp;

@@ -4,15 +4,18 @@
 #include <algorithm>
 #include <cctype>
 #include <cmath>
+#include <map>
 #include <numbers>
 
 #include "core/io/files.h"
+#include "core/io/input_file.h"
 #include "core/io/staged.h"
 #include "core/io/yaml.h"
 #include "core/types/error.h"
 #include "core/types/options.h"
 #include "sim/scene/data_folder.h"
 #include "sim/scene/mesh_import.h"
+#include "sim/scene/mesh_reader.h"
 
 namespace fringeslam::tools {
 
@@ -26,6 +29,20 @@ std::string numbers(const Eigen::Vector3d& values) {
   return "[" + text(values.x()) + ", " + text(values.y()) + ", " + text(values.z()) + "]";
 }
 
+// Imports the copy of a mesh. Messages name the mesh, since the copy is gone when they are read.
+sim::MeshImport imported_copy(const fs::path& copy, const std::string& mesh,
+                              const sim::MeshImportOptions& options = {}) {
+  try {
+    return sim::import_mesh(copy, options);
+  } catch (const Error& failure) {
+    std::string text = failure.what();
+    const std::string own = copy.string();
+    for (size_t at = 0; (at = text.find(own, at)) != std::string::npos; at += mesh.size())
+      text.replace(at, own.size(), mesh);
+    throw Error(text);
+  }
+}
+
 // The mesh as the scene imports it.
 struct Placed {
   std::string unit;  // line of its entry; empty: that of the file
@@ -34,23 +51,11 @@ struct Placed {
 
 Placed placed(const fs::path& mesh, const std::string& name) {
   constexpr double kLargest_m = 10, kMillimeter_m = 1e-3;
-  const auto imported = [&](const sim::MeshImportOptions& options) {
-    try {
-      return sim::import_mesh(mesh, options);
-    } catch (const Error& failure) {
-      // The copy is gone when the message is read.
-      std::string text = failure.what();
-      const std::string copy = mesh.string();
-      for (size_t at = 0; (at = text.find(copy, at)) != std::string::npos; at += name.size())
-        text.replace(at, copy.size(), name);
-      throw Error(text);
-    }
-  };
-  const sim::MeshImport found = imported({});
+  const sim::MeshImport found = imported_copy(mesh, name);
   if (found.unit_m != 1 || (found.high - found.low).maxCoeff() <= kLargest_m) return {"", found.low, found.high};
   sim::MeshImportOptions options;
   options.unit_m = kMillimeter_m;
-  const sim::MeshImport smaller = imported(options);
+  const sim::MeshImport smaller = imported_copy(mesh, name, options);
   return {", unit_m: 0.001", smaller.low, smaller.high};
 }
 
@@ -63,6 +68,41 @@ std::string scene_name_of(const fs::path& mesh) {
     if (code >= 128 || (!std::isalnum(code) && letter != '-' && letter != '_')) letter = '_';
   }
   return name.empty() ? "mesh" : name;
+}
+
+void copy_mesh(const fs::path& mesh, const fs::path& copy) {
+  const fs::path folder = fs::absolute(mesh).parent_path().lexically_normal();
+  // Below `root`: where in the folder of the copy a file has to be.
+  const auto below = [&](const fs::path& file, const fs::path& root) {
+    const fs::path inside = file.lexically_relative(root.lexically_normal());
+    return inside.empty() || *inside.begin() == ".." ? fs::path() : inside;
+  };
+  const sim::MeshImport original = sim::import_mesh(mesh);
+  copy_input(mesh, copy, sim::kMostMeshBytes);
+  std::map<fs::path, fs::path> sources;  // by the files in the folder of the copy
+  for (const fs::path& read : original.files) {
+    const fs::path file = fs::absolute(read).lexically_normal();
+    std::error_code unknown;
+    if (!fs::exists(file, unknown) || fs::equivalent(file, mesh, unknown)) continue;
+    fs::path inside = below(file, folder);
+    for (const char* textures : {"../materials/textures", "../textures"}) {
+      if (inside.empty()) inside = below(file, folder / textures);
+    }
+    // A mesh from elsewhere must not bring the user's other files into a folder that is given away.
+    if (inside.empty())
+      throw Error(mesh.string() + ": refers to " + file.string() + ", which is not copied; put it beside the mesh");
+    const fs::path target = (copy.parent_path() / inside).lexically_normal();
+    const auto [source, is_new] = sources.try_emplace(target, file);
+    if (!is_new && source->second == file) continue;
+    if (!is_new || fs::exists(target))
+      throw Error(mesh.string() + ": refers to two files named " + target.filename().string() + "; rename one of them");
+    fs::create_directories(target.parent_path());
+    copy_input(file, target, sim::kMostMeshBytes);
+  }
+  const sim::MeshImport copied = imported_copy(copy, mesh.string());
+  if (copied.files.size() < original.files.size())
+    throw Error(mesh.string() + ": refers to files that are not found by the name of its copy, " +
+                copy.filename().string() + "; name them in the mesh");
 }
 
 void create_mesh_scene(const fs::path& mesh, const fs::path& folder,
