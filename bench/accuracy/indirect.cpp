@@ -111,7 +111,7 @@ Errors errors_of(const std::string& name, int seeds, Patterns patterns, const De
 std::vector<Row> indirect_rows(const Context& context) {
   const int seeds = context.quick ? 3 : 20;
   double all_before_m = 0, all_after_m = 0;
-  double worst_wrong = 0, worst_dishonest = 0;
+  double worst_wrong = 0, worst_dishonest = 0, least_valid = 1;
   size_t images = 0;
   DecodeOptions all_kept;
   all_kept.max_order_residual_sigma = kAnyResidual;
@@ -131,11 +131,13 @@ std::vector<Row> indirect_rows(const Context& context) {
     all_after_m += after_m;
     worst_wrong = std::max(worst_wrong, share(micro.wrong_order, micro.compared));
     worst_dishonest = std::max(worst_dishonest, share(micro.dishonest, micro.compared));
+    least_valid = std::min(least_valid, share(micro.compared, micro.lit));
   }
   const int n = seeds * static_cast<int>(std::size(kConcave));
   return {bound_row("indirect.bias", all_after_m / all_before_m, n, "x", 0.1, Limit::most),
           bound_row("indirect.wrong_order", worst_wrong, n, "share", 1e-3, Limit::most),
           bound_row("indirect.honest", worst_dishonest, n, "share", 1e-3, Limit::most),
+          bound_row("indirect.valid", least_valid, n, "share", 0.98, Limit::least),
           bound_row("indirect.images", static_cast<double>(images), n, "images", 12, Limit::most)};
 }
 
@@ -168,7 +170,7 @@ std::vector<Row> other_rows(const Context& context) {
 }  // namespace
 
 std::vector<Item> indirect_items() {
-  return {{{"indirect.bias", "indirect.wrong_order", "indirect.honest", "indirect.images"},
+  return {{{"indirect.bias", "indirect.wrong_order", "indirect.honest", "indirect.valid", "indirect.images"},
            "depth in grooves, a bowl and a corner: micro phase shifting relative to nine images of three periods",
            indirect_rows},
           {{"indirect.others.wrong_order", "indirect.others.honest", "indirect.others.valid"},

@@ -22,7 +22,8 @@ namespace fringeslam::robust {
 
 namespace fs = std::filesystem;
 
-const std::vector<std::string> kCrashTasks = {"patterns", "render", "import", "run", "save_map", "study", "capture"};
+const std::vector<std::string> kCrashTasks = {"patterns", "render", "import",  "run",
+                                              "save_map", "study",  "capture", "export"};
 
 namespace {
 
@@ -112,7 +113,10 @@ class Trials {
                     "--jobs", "1"},
                    {}),
              {}},
-            {"capture", {programs_.record_stacks.string(), scene + "/rig.yaml", "OUT", "4"}, {}}};
+            {"capture", {programs_.record_stacks.string(), scene + "/rig.yaml", "OUT", "4"}, {}},
+            // The mesh is written into a folder of the user.
+            {"export", words({"scene", "export", scene, "--out", "OUT/mesh.glb", "--quiet"}, {}),
+             words({"scene", "export", scene, "--out", "OUT/mesh.glb", "--quiet", "--seed", "4"}, {})}};
   }
 
   fs::path trial() const { return folder_ / "trial"; }
@@ -132,6 +136,8 @@ class Trials {
   static std::map<std::string, uint64_t> content(const fs::path& folder) {
     auto files = robust::content(folder);
     files.erase(kUsersFile);
+    // Leftovers of a file's command are looked for separately.
+    std::erase_if(files, [](const auto& file) { return file.first.find(".partial-") != std::string::npos; });
     return files;
   }
 
@@ -161,6 +167,7 @@ class Trials {
     state.task = task;
     state.before = folder_ / ("before_" + task.name);
     start_from("");
+    if (task.name == "export") fs::create_directory(out());
     if (!task.before.empty()) {
       execute_well(task.before);
       write_text(out() / kUsersFile, "precious");
@@ -247,6 +254,7 @@ class Trials {
     {
       StagedFolder next(trial() / "next", "robust");
       next.commit();
+      if (fs::exists(out())) StagedFile(out() / "next");
     }
     for (const auto& entry : fs::recursive_directory_iterator(trial())) {
       if (entry.path().filename().string().find(".partial-") != std::string::npos)

@@ -16,7 +16,7 @@ std::vector<Row> kill_rows(const Context& context) {
   std::string name = (std::filesystem::temp_directory_path() / "fringeslam-kill-XXXXXX").string();
   if (!mkdtemp(name.data())) throw Error(name + ": cannot be created");
   robust::CrashOptions options;
-  // For each of seven tasks; the shortest has fewer calls.
+  // For each of kCrashTasks; the shortest has fewer calls.
   options.kills_per_task = context.quick ? 5 : 250;
   options.failures_per_task = context.quick ? 8 : 200;
   options.minutes = context.minutes;
