@@ -11,6 +11,7 @@
 
 #include "core/base/malloc_config.h"
 #include "core/base/opencv_config.h"
+#include "core/io/image_worker.h"
 #include "core/types/options.h"
 #include "core/types/selected_instruction_set.h"
 #include "tools/process.h"
@@ -72,6 +73,7 @@ int run_program(int argc, char** argv) {
       return *exit_code;
     }
     (void)selected_instruction_set();  // reports a wrong choice before anything is written
+    prepare_image_decoding();          // while there are no threads
     // TBB does not start more, and prints warnings when asked to.
     const int most = std::max(256, 2 * static_cast<int>(std::thread::hardware_concurrency()));
     cv::setNumThreads(threads > 0 ? std::min(threads, most) : -1);

@@ -408,6 +408,13 @@ class ImageWorkers {
     }
   }
 
+  // Lets the next worker come from another process: that which forks them may be stuck, or may have inherited a lock that a
+  // thread of this process held, which stops all workers.
+  void replace_forker() {
+    const std::lock_guard lock(mutex_);
+    forker_.reset();
+  }
+
   void give_back(std::unique_ptr<ImageWorker> worker, char kind) {
     if (worker->memory.size() > kLargestKept) return;
     const std::lock_guard lock(mutex_);
@@ -587,15 +594,15 @@ cv::Mat decode_image_file(const ImageSource& source, const ImageRequest& request
                        source.name, allocate);
   const OpenDescriptor copy = source.bytes ? in_memory(source) : OpenDescriptor();
   const Error crashed(source.name + ": the image decoder crashed; the file is damaged: record or render it again");
-  // The worker that waited may have been killed or be stuck, and so may the process that forks new ones: a request it has not read
-  // ends with it. Only the third attempt is certain to reach a process that was alive when it was asked.
+  // The worker that waited may have been killed or be stuck, and so may the process that forks new ones, which the third
+  // attempt replaces.
   const auto decoded = [&](char kind) -> std::optional<cv::Mat> {
     for (int attempt = 0; attempt < 3; ++attempt) {
       try {
         return decoded_by_worker(source, source.bytes ? copy.get() : source.descriptor, request, allocate, kind,
                                  attempt == 0);
       } catch (const WorkerEnded&) {
-        continue;
+        if (attempt == 1) ImageWorkers::instance().replace_forker();
       }
     }
     throw crashed;

@@ -2,8 +2,8 @@
 // Decoding of image files in other processes, because broken files can make the libraries crash, hang, allocate without
 // bound, or worse.
 //
-// prepare_image_decoding() forks a small process, before this process has loaded OpenImageIO, and so before it has threads or
-// locks of it, which a fork would leave behind. That process forks a worker whenever all others are busy. It loads
+// prepare_image_decoding() forks a small process. It should do so before this process has threads and has loaded OpenImageIO,
+// because a fork leaves behind the threads and keeps the locks that they held. That process forks a worker whenever all others are busy. It loads
 // OpenImageIO when a file first needs it; PNG and most EXR files are decoded by workers without it.
 // A worker decodes one file after the other. It gets an open descriptor, not a path, and writes pixels into shared memory
 // that this process has allocated after checking the header. It can neither open files nor use the network
@@ -25,7 +25,7 @@ struct ImageSource {
   std::string name;  // in messages
 };
 
-// Call it before image_library(); later calls do nothing. Processes that are forked afterwards share the process that it
+// Call it first in a program, and before image_library(); later calls do nothing. Processes that are forked afterwards share the process that it
 // starts.
 void prepare_image_decoding();
 
