@@ -7,6 +7,7 @@
 
 #include <chrono>
 #include <nlohmann/json.hpp>
+#include <sstream>
 #include <thread>
 
 #include "bench/studies/results.h"
@@ -42,10 +43,16 @@ class StudyVerb : public testing::Test {
     }
     return pid;
   }
-  static pid_t child_of(pid_t parent) {
-    const std::string task = std::to_string(parent);
-    const std::string children = read_bytes("/proc/" + task + "/task/" + task + "/children");
-    return children.empty() ? -1 : static_cast<pid_t>(std::stol(children));
+  // Returns a process in which a study runs trials, or -1 if there is none: it has another command line. The other processes
+  // that the program starts are forked only.
+  static pid_t worker_of(pid_t study) {
+    const auto command = [](pid_t pid) { return read_bytes("/proc/" + std::to_string(pid) + "/cmdline"); };
+    const std::string task = std::to_string(study);
+    std::istringstream children(read_bytes("/proc/" + task + "/task/" + task + "/children"));
+    for (pid_t child = 0; children >> child;) {
+      if (const std::string own = command(child); !own.empty() && own != command(study)) return child;
+    }
+    return -1;
   }
   size_t lines_in(const std::string& folder) const {
     size_t count = 0;
@@ -127,7 +134,7 @@ TEST_F(StudyVerb, AWorkerThatDiesIsThatTrialsResult) {
   const std::string file = study();
   const pid_t run = started(file, at("crashed"));
   pid_t worker = -1;
-  for (int i = 0; i < 500 && (worker = child_of(run)) <= 0; ++i)
+  for (int i = 0; i < 500 && (worker = worker_of(run)) <= 0; ++i)
     std::this_thread::sleep_for(std::chrono::milliseconds(5));
   ASSERT_GT(worker, 0);
   kill(worker, SIGSEGV);
