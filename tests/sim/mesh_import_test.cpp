@@ -423,7 +423,7 @@ TEST_F(Import, PicturesInsideTheFileAreUnpacked) {
 
 // A ZIP archive of these files, stored without compression.
 std::string zip_of(const std::vector<std::pair<std::string, std::string>>& files) {
-  const auto number = [](uint32_t value, int bytes) {
+  const auto number = [](uint64_t value, int bytes) {
     std::string text;
     for (int i = 0; i < bytes; ++i) text += static_cast<char>(value >> 8 * i & 255);
     return text;
