@@ -202,17 +202,10 @@ std::vector<KeypointMatch> match_keypoints(const Keypoints& earlier, const Keypo
        mutual_nearest(earlier.descriptors.rows, current.descriptors.rows, distance2, 1e-12, options.max_ratio))
     matches.push_back({pair.earlier, pair.current, pair.distance, pair.ratio});
   const std::vector<int> earlier_place = places_of(earlier.keypoints), current_place = places_of(current.keypoints);
-  std::vector<char> earlier_taken(earlier_place.size()), current_taken(current_place.size());
-  std::sort(matches.begin(), matches.end(), [](const KeypointMatch& a, const KeypointMatch& b) {
-    return std::tie(a.distance, a.current) < std::tie(b.distance, b.current);
-  });
-  std::erase_if(matches, [&](const KeypointMatch& match) {
-    char& e = earlier_taken[static_cast<size_t>(earlier_place[static_cast<size_t>(match.earlier)])];
-    char& c = current_taken[static_cast<size_t>(current_place[static_cast<size_t>(match.current)])];
-    const bool taken = e || c;
-    if (!taken) e = c = 1;
-    return taken;
-  });
+  const auto in = [](const std::vector<int>& places) {
+    return [&places](int keypoint) { return places[static_cast<size_t>(keypoint)]; };
+  };
+  keep_one_to_one(matches, earlier_place.size(), in(earlier_place), current_place.size(), in(current_place));
   std::sort(matches.begin(), matches.end(),
             [](const KeypointMatch& a, const KeypointMatch& b) { return a.current < b.current; });
   return matches;

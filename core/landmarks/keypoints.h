@@ -4,7 +4,9 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <algorithm>
 #include <opencv2/core.hpp>
+#include <tuple>
 #include <vector>
 
 #include "core/types/frame.h"
@@ -65,6 +67,24 @@ std::vector<DepthKeypoint> detect_depth_keypoints(const cv::Mat1f& levels, const
 
 // Returns each keypoint's position index: the lowest index of the keypoints at its position, which differ in orientation.
 std::vector<int> places_of(const std::vector<Keypoint>& keypoints);
+
+// Sorts matches by their distances and keeps each position of both views at most once. `earlier_place` and `current_place`
+// return the position index of a keypoint, less than the view's count.
+template <class EarlierPlace, class CurrentPlace>
+void keep_one_to_one(std::vector<KeypointMatch>& matches, size_t earlier_count, const EarlierPlace& earlier_place,
+                     size_t current_count, const CurrentPlace& current_place) {
+  std::sort(matches.begin(), matches.end(), [](const KeypointMatch& a, const KeypointMatch& b) {
+    return std::tie(a.distance, a.current, a.earlier) < std::tie(b.distance, b.current, b.earlier);
+  });
+  std::vector<char> earlier_taken(earlier_count), current_taken(current_count);
+  std::erase_if(matches, [&](const KeypointMatch& match) {
+    char& e = earlier_taken[static_cast<size_t>(earlier_place(match.earlier))];
+    char& c = current_taken[static_cast<size_t>(current_place(match.current))];
+    const bool taken = e || c;
+    if (!taken) e = c = 1;
+    return taken;
+  });
+}
 
 // Returns the pairs that are mutual nearest neighbours and pass the ratio test, in the order of `current`. If pairs
 // share a position in either view, only the nearest of them counts: further orientations are no further evidence of a motion.

@@ -6,9 +6,9 @@
 #include <map>
 #include <numeric>
 #include <set>
-#include <tuple>
 
 #include "core/base/parallel.h"
+#include "core/landmarks/keypoints.h"
 #include "core/landmarks/mutual_nearest.h"
 
 namespace fringeslam {
@@ -264,16 +264,9 @@ std::vector<LandmarkDatabase::Matches> LandmarkDatabase::matches_by_view(const V
 // Keeps matches in the order of their distances, each position of both views at most once.
 LandmarkDatabase::Matches LandmarkDatabase::one_to_one(Matches matches, const View& earlier,
                                                        const View& current) const {
-  std::sort(matches.begin(), matches.end(), [](const KeypointMatch& a, const KeypointMatch& b) {
-    return std::tie(a.distance, a.current, a.earlier) < std::tie(b.distance, b.current, b.earlier);
-  });
-  std::vector<char> earlier_taken(earlier.keypoints), current_taken(current.keypoints);
-  std::erase_if(matches, [&](const KeypointMatch& match) {
-    char &e = at(earlier_taken, earlier.place(match.earlier)), &c = at(current_taken, current.place(match.current));
-    const bool taken = e || c;
-    if (!taken) e = c = 1;
-    return taken;
-  });
+  keep_one_to_one(
+      matches, static_cast<size_t>(earlier.keypoints), [&](int k) { return earlier.place(k); },
+      static_cast<size_t>(current.keypoints), [&](int k) { return current.place(k); });
   return matches;
 }
 
