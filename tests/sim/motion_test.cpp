@@ -866,8 +866,8 @@ TEST(StoppingRobot, IsNotMistakenForASlowOne) {
   for (const FrameResult& view : run.views) EXPECT_FALSE(view.in_motion());
 }
 
-// Boxes at the start of the path, then a plain wall, which determines three of six directions. The prediction determines the others
-// until the view is registered without it.
+// Boxes at the start of the path, enough of them that landmarks determine the first motion; then a plain wall, which
+// determines three of six directions. The prediction determines the others until the view is registered without it.
 TEST(StoppingRobot, ViewsOfAWallAreLost) {
   const test::TempFolder temp;
   std::string poses;
@@ -886,6 +886,8 @@ objects:
   - {shape: plane, size_m: [2, 2], material: wall, pose: {translation_m: [0, 0, 1.05]}}
   - {shape: box, size_m: [0.06, 0.08, 0.05], material: wall, pose: {translation_m: [0.02, 0.05, 1], rotation_deg: [10, 20, 30]}}
   - {shape: box, size_m: [0.05, 0.06, 0.07], material: wall, pose: {translation_m: [-0.05, -0.04, 1], rotation_deg: [20, -10, 50]}}
+  - {shape: box, size_m: [0.07, 0.04, 0.05], material: wall, pose: {translation_m: [0.05, -0.07, 1.02], rotation_deg: [-20, 15, 70]}}
+  - {shape: box, size_m: [0.04, 0.05, 0.06], material: wall, pose: {translation_m: [-0.06, 0.06, 1.02], rotation_deg: [-10, 25, 10]}}
 trajectory:
   interval_s: 0.5
   poses:
