@@ -13,6 +13,7 @@
 #include "core/decode/ensemble.h"
 #include "core/decode/exposures.h"
 #include "core/decode/gray.h"
+#include "core/decode/gray_in_motion.h"
 #include "core/decode/micro_phase.h"
 #include "core/decode/modulated.h"
 #include "core/decode/spatial.h"
@@ -340,26 +341,6 @@ void prior_row(const CoordinatePrior& expected, int row, double period_px, RowPr
   }
 }
 
-// Images of a Gray code, of which each pixel needs all.
-std::vector<size_t> code_images(const PatternSequence& sequence, Axis axis) {
-  std::vector<size_t> images;
-  for (size_t i = 0; i < sequence.patterns.size(); ++i) {
-    const Pattern& pattern = sequence.patterns[i];
-    if (pattern.coding == Coding::gray && pattern.axis == axis) images.push_back(i);
-  }
-  return images;
-}
-
-// Pixels that one of the images does not show, in motion, are not decoded.
-void drop_unseen(const std::vector<const float*>& drift_px, const std::vector<size_t>& images,
-                 std::vector<float>& turns) {
-  if (drift_px.empty()) return;
-  for (const size_t image : images) {
-    const float* const drift = drift_px[image];
-    for (size_t i = 0; i < turns.size(); ++i) turns[i] = drift[i] == drift[i] ? turns[i] : kNaN;
-  }
-}
-
 // At the edge between two cells, noise may select either neighbour; this is harmless for cells of half a period.
 void gray_row(const GrayDecoder& gray, const RowPlan& plan, const float* const* samples, RowPrior& anchor) {
   const double cell = gray.cell_px(), period = plan.period_px;
@@ -552,13 +533,15 @@ void decode_images(DecodedStack& out, const FringeStack& stack, const PatternSeq
   std::vector<FringeGroup> groups = select_groups(sequence, context.axis, options);
   out.omitted_period_px = 0;
   if (context.aligned && groups.size() > 1 &&
-      (method == Unwrapping::multifrequency || method == Unwrapping::predicted)) {
+      (method == Unwrapping::multifrequency || method == Unwrapping::predicted || method == Unwrapping::gray)) {
     const size_t used = most_accurate_group(*context.aligned, groups) + 1;
     if (used < groups.size()) out.omitted_period_px = groups.back().period_px;
     groups.resize(used);
   }
   // Use only the finest period; coarser images, if any, may have been taken at another pose, or contain indirect light.
-  if (method == Unwrapping::predicted || method == Unwrapping::micro) groups.erase(groups.begin(), groups.end() - 1);
+  const bool gray_in_motion = method == Unwrapping::gray && context.aligned && !groups.empty();
+  if (method == Unwrapping::predicted || method == Unwrapping::micro || gray_in_motion)
+    groups.erase(groups.begin(), groups.end() - 1);
   std::vector<UnwrappingLevel> modulated_levels;
   if (method == Unwrapping::modulated) {
     if (context.aligned) throw Error("decode: images in motion cannot be decoded by modulated phase shifting");
@@ -576,6 +559,9 @@ void decode_images(DecodedStack& out, const FringeStack& stack, const PatternSeq
   if (method == Unwrapping::heterodyne) plan.unwrapping_levels = heterodyne_levels(groups, length);
   std::optional<GrayDecoder> gray;
   if (method == Unwrapping::gray) gray.emplace(sequence, context.axis, groups.empty() ? nullptr : &plan.groups.back());
+  std::optional<GrayOrdersInMotion> moving_gray;
+  if (gray_in_motion) moving_gray.emplace(sequence, context.axis, plan.period_px);
+  RowPlan wrapped_only = plan;
   std::optional<MicroDecoder> micro;
   if (method == Unwrapping::micro) {
     if (context.aligned) throw Error("decode: images in motion cannot be decoded by micro phase shifting");
@@ -619,7 +605,6 @@ void decode_images(DecodedStack& out, const FringeStack& stack, const PatternSeq
   out.components.clear();
 
   const std::vector<int> averaged = averaged_images(sequence);
-  const std::vector<size_t> of_code = gray ? code_images(sequence, context.axis) : std::vector<size_t>();
   for_each_range(size.height, [&](int first, int end) {
     RowScratch scratch;
     RowReader reader(stack, context.aligned, combined, scratch);
@@ -636,9 +621,11 @@ void decode_images(DecodedStack& out, const FringeStack& stack, const PatternSeq
         gray_only_row(*gray, plan, options, scratch.samples.data(), averaged, size.width, target);
         continue;
       }
-      if (gray) {
+      if (moving_gray) {
+        decode_row(wrapped_only, size.width, scratch, target, context.instruction_set);
+        moving_gray->find(plan, scratch, size.width, target, scratch.anchor);
+      } else if (gray) {
         gray_row(*gray, plan, scratch.samples.data(), scratch.anchor);
-        drop_unseen(scratch.drift_px, of_code, scratch.anchor.turns);
       }
       if (micro) micro->find_orders(plan, scratch.samples.data(), size.width, context.instruction_set, micro_row);
       if (expected) prior_row(*expected, row, plan.period_px, scratch.anchor);

@@ -15,11 +15,11 @@
 
 namespace fringeslam {
 
-namespace {
-
-float variance_of(const RowPlan& camera, float grey) {
+float gray_value_variance(const RowPlan& camera, float grey) {
   return camera.noise_constant + camera.noise_per_dn * std::max(grey - camera.offset_dn, 0.0f);
 }
+
+namespace {
 
 int flat_image(const PatternSequence& sequence, double level) {
   for (size_t i = 0; i < sequence.patterns.size(); ++i) {
@@ -96,22 +96,22 @@ GrayDecoder::Comparison GrayDecoder::compare(const RowPlan& camera, const float*
   const auto grey = [&](int image) { return samples[image][col]; };
   if (bit.image >= 0 && bit.inverted_image >= 0) {
     const float a = grey(bit.image), b = grey(bit.inverted_image);
-    return {a - b, variance_of(camera, a) + variance_of(camera, b)};
+    return {a - b, gray_value_variance(camera, a) + gray_value_variance(camera, b)};
   }
   float threshold = 0, variance = 0;
   if (fringes_) {
     for (size_t k = 0; k < fringes_->images.size(); ++k) {
       const float sample = grey(fringes_->images[k]), weight = fringes_->mean[k];
       threshold += weight * sample;
-      variance += weight * weight * variance_of(camera, sample);
+      variance += weight * weight * gray_value_variance(camera, sample);
     }
   } else {
     threshold = 0.5f * (grey(white_) + grey(black_));
-    variance = 0.25f * (variance_of(camera, grey(white_)) + variance_of(camera, grey(black_)));
+    variance = 0.25f * (gray_value_variance(camera, grey(white_)) + gray_value_variance(camera, grey(black_)));
   }
   const float sample = grey(bit.image >= 0 ? bit.image : bit.inverted_image);
   const float sign = bit.image >= 0 ? 1.0f : -1.0f;
-  return {sign * (sample - threshold), variance + variance_of(camera, sample)};
+  return {sign * (sample - threshold), variance + gray_value_variance(camera, sample)};
 }
 
 // Exclusive or of two bits, as certain as the less certain one. The edges of both coincide, where both are faint; at

@@ -13,6 +13,9 @@ namespace fringeslam {
 // between.
 constexpr float kLeastGrayContrast = 0.5f;
 
+// Returns the variance of a gray value by the camera's noise, DN^2.
+float gray_value_variance(const RowPlan& camera, float grey);
+
 class GrayDecoder {
  public:
   // `fringes`: the estimator of the period whose mean intensity is the threshold for bits that have neither an inverted

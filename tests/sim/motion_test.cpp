@@ -451,6 +451,51 @@ TEST(MovingStack, CodingsThatNeedRestLeaveTheMotionUnknown) {
   }
 }
 
+// Each bit of a Gray code is that of its own exposure's coordinate, which differs from that of the phase by up to a period.
+TEST(MovingStack, GrayCodesNumberThePeriods) {
+  for (const char* patterns :
+       {"{axis: columns, steps: 3, periods_px: [130, 16.25], gray: complementary, gray_cell_px: 8.125}",
+        "{axis: columns, steps: 3, periods_px: [130, 16.25], gray: plain, gray_inverted: true}",
+        "{axis: columns, steps: 3, periods_px: [130, 16.25], gray: complementary, gray_cell_px: 8.125, "
+        "gray_xor_px: [16.25]}"}) {
+    int valid_at_rest = 0;
+    for (const double speed_m_s : {0.0, 0.3, -0.3}) {
+      SceneLoadOptions reading;
+      reading.changes = {{"patterns", patterns}};
+      Scene scene = load_scene(std::string(FRINGESLAM_SOURCE_DIR) + "/scenes/loop/scene.yaml", reading);
+      scene.trajectory.resize(1);
+      CameraMotion motion;
+      motion.velocity_m_s = {speed_m_s, 0, 0};
+      scene.motion.velocity_m_s = scene.rig.robot_from_camera.rotation * motion.velocity_m_s;
+      const SimulatedView view = *VirtualRig(scene, {}).simulate(scene.patterns);
+      const PixelRays rays = pixel_rays(scene.rig.camera);
+      const cv::Mat1f& truth_m = view.truth.depth_m;
+      const AlignedStack aligned =
+          align_stack(view.stack, scene.rig, rays, filled_depth(truth_m, 1), motion, 0.98 * scene.rig.sensor.max_dn());
+      DecodeOptions options;
+      options.unwrapping = Unwrapping::gray;
+      DecodeContext context;
+      if (speed_m_s != 0) context.aligned = &aligned;
+      const DecodedStack decoded = decode(view.stack, scene.rig, options, context);
+      const cv::Mat1f true_px =
+          predict_coordinate(scene.rig, rays, truth_m, cv::Mat1f(truth_m.size(), 1e-3f)).coordinate_px;
+      int valid = 0, wrong = 0;
+      for (int row = 0; row < truth_m.rows; ++row) {
+        for (int col = 0; col < truth_m.cols; ++col) {
+          const double error_px = std::abs(static_cast<double>(decoded.coordinate_px(row, col) - true_px(row, col)));
+          if (std::isnan(error_px) || (static_cast<int>(view.truth.mask(row, col)) & kTruthMixed) != 0) continue;
+          ++valid;
+          wrong += error_px > 0.5 * decoded.finest_period_px;
+        }
+      }
+      if (speed_m_s == 0) valid_at_rest = valid;
+      EXPECT_GT(valid, 0.65 * valid_at_rest) << patterns << speed_m_s;
+      // Beside edges, some of the images show another surface.
+      EXPECT_LE(wrong, (speed_m_s == 0 ? 1e-4 : 1e-3) * valid) << patterns << speed_m_s;
+    }
+  }
+}
+
 // Saturated pixels are no sign of a motion.
 TEST(MovingStack, SaturationIsNoMotion) {
   Scene scene = loop_scene();
