@@ -52,7 +52,7 @@ std::string summary_of(const CameraNoise& noise) {
   return text;
 }
 
-double clip_dn(const SensorModel& sensor) { return DecodeOptions().saturation * sensor.max_dn(); }
+double clip_dn(const SensorModel& sensor) { return DecodeOptions().saturation * sensor.saturation_dn(); }
 
 // Measures the noise from the first stacks, or reads it, as import.yaml requests.
 ImportedNoise noise_of(const ImportPlan& plan) {

@@ -182,7 +182,7 @@ void for_fringe_pixels(const std::vector<cv::Mat1f>& images, const std::vector<d
   for (int row = 0; row < images[0].rows; ++row) {
     for (int col = 0; col < images[0].cols; ++col) {
       const Harmonic h = steps.harmonic(row, col);
-      if (steps.largest(row, col) > options.saturation * sensor.max_dn()) {
+      if (steps.largest(row, col) > options.saturation * sensor.saturation_dn()) {
         ++clipped;
       } else if (2 * h.modulation < options.min_contrast_dn) {
         ++dark;
@@ -213,7 +213,7 @@ Response response_from_ramp(const std::vector<cv::Mat1f>& images, const std::vec
   for (int row = 0; row < images[0].rows; ++row) {
     for (int col = 0; col < images[0].cols; ++col) {
       const double low = images[black](row, col), contrast = images[white](row, col) - low;
-      if (images[white](row, col) > options.saturation * sensor.max_dn()) {
+      if (images[white](row, col) > options.saturation * sensor.saturation_dn()) {
         ++clipped;
         continue;
       }
@@ -419,7 +419,8 @@ PeriodPhases phases_of(const std::vector<cv::Mat>& images, const FringeGroup& gr
   for_each_row(size.height, [&](int row) {
     for (int col = 0; col < size.width; ++col) {
       const Harmonic h = steps.harmonic(row, col);
-      if (steps.largest(row, col) > options.saturation * sensor.max_dn() || 2 * h.modulation < options.min_contrast_dn)
+      if (steps.largest(row, col) > options.saturation * sensor.saturation_dn() ||
+          2 * h.modulation < options.min_contrast_dn)
         continue;
       result.phase_rad(row, col) = h.phase;
       result.modulation_dn(row, col) = h.modulation;

@@ -40,7 +40,7 @@ cv::Mat1b lit_pixels(const FringeStack& stack, const SensorModel& sensor) {
   }
   cv::Mat1f contrast;
   cv::Mat(high - low).convertTo(contrast, CV_32F);
-  const double saturated = 0.98 * sensor.max_dn();
+  const double saturated = 0.98 * sensor.saturation_dn();
   cv::Mat1b lit;
   cv::compare(contrast, 0.05 * sensor.max_dn(), lit, cv::CMP_GT);
   lit.setTo(0, high > saturated);
@@ -791,7 +791,8 @@ namespace {
 // Fits the description of a stack. Of several exposures, the clearest is examined alone: the others saturate or show noise.
 DescriptionFit fit_as_described(const FringeStack& stack, const RigModel& rig) {
   if (!has_exposures(stack.patterns)) return fit_of(stack, {"", stack.patterns, rig});
-  const FringeStack one = as_one_exposure(best_exposure(stack, DecodeOptions().saturation * rig.sensor.max_dn()));
+  const FringeStack one =
+      as_one_exposure(best_exposure(stack, DecodeOptions().saturation * rig.sensor.saturation_dn()));
   return fit_of(one, {"", one.patterns, rig});
 }
 

@@ -333,7 +333,7 @@ PatternSequence advised_sequence(const Advice& advice, const PatternSequence& ta
 ObservedMotion observed_motion(const FringeStack& stack, const RigModel& rig, const PixelRays& rays,
                                const cv::Mat1f& depth_m, Axis axis) {
   if (has_exposures(stack.patterns) || fringe_groups(stack.patterns, axis).size() < 2) return ObservedMotion::unknown;
-  const double clip_dn = DecodeOptions().saturation * rig.sensor.max_dn();
+  const double clip_dn = DecodeOptions().saturation * rig.sensor.saturation_dn();
   if (!shows_motion(stack, rig, rays, depth_m, clip_dn, axis)) return ObservedMotion::none;
   // Indirect light makes the periods disagree, too, but no motion explains it.
   const StackMotion found =

@@ -275,7 +275,7 @@ RowPlan make_plan(const std::vector<FringeGroup>& groups, int length_px, const R
   plan.noise_constant = static_cast<float>(sensor.variance_dn2(sensor.offset_dn));
   plan.noise_per_dn = static_cast<float>(sensor.gain_dn_per_electron);
   plan.offset_dn = static_cast<float>(sensor.offset_dn);
-  plan.clip_dn = static_cast<float>(options.saturation * sensor.max_dn());
+  plan.clip_dn = static_cast<float>(options.saturation * sensor.saturation_dn());
   plan.min_modulation_dn = static_cast<float>(options.min_modulation_dn);
   plan.min_data_modulation = static_cast<float>(options.min_data_modulation);
   plan.max_sigma_turns = static_cast<float>(options.max_phase_sigma_rad / kTwoPi);
@@ -655,7 +655,8 @@ void decode_into(DecodedStack& out, const FringeStack& stack, const RigModel& ri
   if (!has_exposures(stack.patterns)) return decode_images(out, stack, stack.patterns, nullptr, rig, options, context);
   check_options(options, "decode");
   if (context.aligned) throw Error("decode: images of several exposures cannot be decoded in motion");
-  const CombinedExposures combined = combine_exposures(stack, rig.sensor, options.saturation * rig.sensor.max_dn());
+  const CombinedExposures combined =
+      combine_exposures(stack, rig.sensor, options.saturation * rig.sensor.saturation_dn());
   decode_images(out, combined.stack, stack.patterns, &combined, rig, options, context);
 }
 

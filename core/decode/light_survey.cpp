@@ -317,7 +317,7 @@ PixelLight survey(const Samples& samples, const Fringes& fringes, const SensorMo
 template <class Use>
 auto with_samples(const FringeStack& stack, const SensorModel& sensor, const DecodeOptions& options, Use&& use) {
   check_stack(stack);
-  const double clip_dn = options.saturation * sensor.max_dn();
+  const double clip_dn = options.saturation * sensor.saturation_dn();
   if (!has_exposures(stack.patterns))
     return use(Samples{&stack.images, nullptr, static_cast<float>(clip_dn)}, stack.patterns);
   const CombinedExposures combined = combine_exposures(stack, sensor, clip_dn);
@@ -509,7 +509,7 @@ SignalLimits::SignalLimits(const SensorModel& sensor, const DecodeOptions& optio
 bool SignalLimits::saturates(double peak_dn, double exposure) const {
   const double brightest = sensor_.offset_dn + exposure * peak_dn;
   return brightest + kCertainSigmas * noise_ratio_ * std::sqrt(sensor_.variance_dn2(brightest)) >=
-         options_.saturation * sensor_.max_dn();
+         options_.saturation * sensor_.saturation_dn();
 }
 
 bool SignalLimits::too_dark(double mean_dn, double modulation_dn, double exposure) const {

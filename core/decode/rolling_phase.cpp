@@ -152,7 +152,7 @@ RollingState first_state(const RollingImages& in, const SensorModel& sensor, con
         before = fit;
       }
       state.weight(row, col) = 1 / sensor.variance_dn2(state.mean(row, col));
-      if (!(largest < options.saturation * sensor.max_dn()) ||
+      if (!(largest < options.saturation * sensor.saturation_dn()) ||
           !(std::hypot(state.cosine(row, col), state.sine(row, col)) >= options.min_modulation_dn))
         continue;
       state.usable(row, col) = 1;

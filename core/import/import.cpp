@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "core/import/import.h"
 
+#include <algorithm>
 #include <cmath>
 
 #include "core/base/in_order.h"
@@ -24,8 +25,11 @@ SensorModel sensor_of(const ImportCamera& camera, int bits) {
   sensor.bits = bits;
   sensor.gain_dn_per_electron = given_or(camera.gain_dn_per_electron, sensor.max_dn() / kFullScaleElectrons);
   sensor.dark_noise_electrons = given_or(camera.dark_noise_electrons, sensor.dark_noise_electrons);
-  sensor.full_well_electrons = given_or(camera.full_well_electrons, sensor.full_well_electrons);
   sensor.offset_dn = given_or(camera.offset_dn, 0);
+  // An assumed full well must not limit the gray values.
+  sensor.full_well_electrons = given_or(
+      camera.full_well_electrons, std::max(sensor.full_well_electrons, std::ceil((sensor.max_dn() - sensor.offset_dn) /
+                                                                                 sensor.gain_dn_per_electron)));
   return sensor;
 }
 

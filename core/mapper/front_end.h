@@ -90,7 +90,7 @@ class FringeFrontEnd : public FrontEnd {
 
   struct Decoding;
   class Compensation;
-  double clip_dn() const { return options_.decode.saturation * rig_.sensor.max_dn(); }
+  double clip_dn() const { return options_.decode.saturation * rig_.sensor.saturation_dn(); }
   void decode_into(ReconstructedView& view, const FringeStack& stack, const Decoding& decoding,
                    const AlignedStack* aligned) const;
   void reconstruct_frame(ReconstructedView& view) const;

@@ -27,6 +27,12 @@ struct SensorModel {
 
   double max_dn() const { return static_cast<double>((1 << bits) - 1); }
 
+  // Returns the gray value at which the camera clips: full scale, or that of a full well that is reached before.
+  double saturation_dn() const {
+    const double well_dn = offset_dn + gain_dn_per_electron * full_well_electrons;
+    return gain_dn_per_electron > 0 && well_dn < max_dn() ? well_dn : max_dn();
+  }
+
   // Returns the temporal variance of a grey value in DN^2: K^2 sigma_d^2 + K (y - offset) + 1/12 (EMVA 1288 eq. 9).
   double variance_dn2(double grey_dn) const {
     const double signal = grey_dn > offset_dn ? grey_dn - offset_dn : 0.0;

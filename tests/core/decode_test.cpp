@@ -314,6 +314,31 @@ TEST(Decode, ClippedSamplesHaveNoPhase) {
   EXPECT_FALSE(accepts({160, 160}, {.saturation = 239.5 / 255}));
 }
 
+// A camera whose full well is reached below full scale, as `calibrate noise` finds it.
+TEST(Decode, SamplesClippedByTheFullWellHaveNoPhase) {
+  constexpr double kClip_dn = 180;
+  SensorModel sensor = sensor_of(8);
+  const auto sequence = columns({kWidth, 131, 16.5});
+  cv::Mat1d truth(1, 200);
+  for (int col = 0; col < truth.cols; ++col) truth(0, col) = 100 + 0.37 * col;
+  FringeStack stack = fringe_stack(truth, sequence, {110, 90}, CV_8UC1);
+  const DecodedStack unclipped = decode(stack, sensor, {});
+  for (cv::Mat& image : stack.images) cv::min(image, kClip_dn, image);
+  sensor.full_well_electrons = (kClip_dn - sensor.offset_dn) / sensor.gain_dn_per_electron;
+  const DecodedStack decoded = decode(stack, sensor, {});
+  int clipped_pixels = 0, valid = 0;
+  for (int col = 0; col < truth.cols; ++col) {
+    EXPECT_FALSE(std::isnan(unclipped.coordinate_px(0, col)));
+    bool clipped = false;
+    for (const cv::Mat& image : stack.images) clipped |= image.at<uchar>(0, col) >= 0.98 * kClip_dn;
+    clipped_pixels += clipped;
+    valid += !std::isnan(decoded.coordinate_px(0, col));
+    if (clipped) EXPECT_TRUE(std::isnan(decoded.coordinate_px(0, col))) << col;
+  }
+  EXPECT_GT(clipped_pixels, 50);
+  EXPECT_EQ(valid, truth.cols - clipped_pixels);
+}
+
 TEST(Decode, FaintFringesHaveNoPhase) {
   EXPECT_TRUE(accepts({40, 5.01}, {.min_modulation_dn = 5}));
   EXPECT_FALSE(accepts({40, 4.99}, {.min_modulation_dn = 5}));
