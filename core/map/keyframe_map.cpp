@@ -134,15 +134,24 @@ bool KeyframeMap::correct(const PoseGraphOptions& options, double significant_m)
   return significant;
 }
 
+// A loop that the other links contradict, such as one to a place that looks the same.
+bool KeyframeMap::disagrees(const PoseEdge& link) const {
+  constexpr double kMostSquare = 36;
+  if (!link.loop) return false;
+  const Pose from_from_to =
+      at(keyframes_, link.from).world_from_camera.inverse() * at(keyframes_, link.to).world_from_camera;
+  const Vector6d residual = difference(from_from_to, link.from_from_to);
+  return residual.dot(link.information * residual) > kMostSquare;
+}
+
 // The sigmas of the links are added, because their biases are correlated. A rotation error is multiplied by the remaining
 // distance. Loops that disagree with the map are ignored.
 Matrix6d KeyframeMap::covariance_between(int from, int to) const {
-  constexpr double kLeastCondition = 1e-15, kMostSquare = 36;
+  constexpr double kLeastCondition = 1e-15;
   const auto pose = [&](int keyframe) { return at(keyframes_, keyframe).world_from_camera; };
   std::vector<std::vector<const PoseEdge*>> links(keyframes_.size());
   for (const PoseEdge& link : links_) {
-    const Vector6d residual = difference(pose(link.from).inverse() * pose(link.to), link.from_from_to);
-    if (link.loop && residual.dot(link.information * residual) > kMostSquare) continue;
+    if (disagrees(link)) continue;
     at(links, link.from).push_back(&link);
     at(links, link.to).push_back(&link);
   }
@@ -175,12 +184,16 @@ Matrix6d KeyframeMap::covariance_between(int from, int to) const {
 
 bool KeyframeMap::linked_within(int from, int to, int most) const {
   if (from == to) return true;
+  std::vector<const PoseEdge*> links;
+  for (const PoseEdge& link : links_) {
+    if (!disagrees(link)) links.push_back(&link);
+  }
   std::vector<char> reached(keyframes_.size(), 0);
   at(reached, from) = 1;
   for (int length = 0; length < most && !at(reached, to); ++length) {
     std::vector<char> farther = reached;
-    for (const PoseEdge& link : links_) {
-      if (at(reached, link.from) || at(reached, link.to)) at(farther, link.from) = at(farther, link.to) = 1;
+    for (const PoseEdge* link : links) {
+      if (at(reached, link->from) || at(reached, link->to)) at(farther, link->from) = at(farther, link->to) = 1;
     }
     reached = std::move(farther);
   }

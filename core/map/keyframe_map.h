@@ -115,7 +115,7 @@ class KeyframeMap {
   // `from` is `to`, and if no path of links determines the motion.
   Matrix6d covariance_between(int from, int to) const;
 
-  // True if a path of at most `most` links, accepted or not, joins two keyframes.
+  // True if a path of at most `most` links, without the loops that disagree with the map, joins two keyframes.
   bool linked_within(int from, int to, int most) const;
 
   // Returns the share of a frame's points that lie on a surface seen by the keyframe, according to the poses.
@@ -140,6 +140,7 @@ class KeyframeMap {
 
  private:
   void move_descriptors(Landmarks& landmarks);
+  bool disagrees(const PoseEdge& link) const;
 
   RigModel rig_;
   MappingOptions options_;

@@ -190,5 +190,18 @@ TEST(KeyframeMap, CountsLinksBetweenKeyframes) {
   EXPECT_TRUE(map.linked_within(0, 3, 2));
 }
 
+// Otherwise a place that looks the same, once rejected, would no longer be tested when the robot seems to be there again.
+TEST(KeyframeMap, ALoopThatDisagreesJoinsNothing) {
+  KeyframeMap map(kRig, {});
+  for (int i = 0; i < 6; ++i) map.add_keyframe(view({}), {}, shifted(0.1 * i));
+  const Matrix6d information = 1e6 * Matrix6d::Identity();
+  for (int i = 0; i < 5; ++i) map.link({i, i + 1, shifted(0.1), information, false});
+  map.link({5, 0, {}, information, true});
+  map.correct({}, 1e-3);
+  EXPECT_FALSE(map.linked_within(0, 5, 3));
+  map.link({5, 0, shifted(-0.5), information, true});
+  EXPECT_TRUE(map.linked_within(0, 5, 3));
+}
+
 }  // namespace
 }  // namespace fringeslam
