@@ -10,6 +10,7 @@
 
 #include "core/base/append_bytes.h"
 #include "core/types/error.h"
+#include "core/types/linear_algebra.h"
 
 namespace fringeslam {
 
@@ -92,6 +93,13 @@ void pose(Archive& archive, P& p) {
 }
 
 // A covariance, of which no variance is negative: the lower triangle.
+// True if no eigenvalue is negative by more than rounding.
+template <class Matrix>
+bool is_positive(const Matrix& m) {
+  const Matrix symmetric = 0.5 * (m + m.transpose());
+  return symmetric_eigen(symmetric).values.minCoeff() >= -1e-9 * m.cwiseAbs().maxCoeff();
+}
+
 template <class Archive, class Matrix>
 void covariance(Archive& archive, Matrix& m) {
   for (Eigen::Index col = 0; col < m.cols(); ++col) {
@@ -103,6 +111,7 @@ void covariance(Archive& archive, Matrix& m) {
   if constexpr (Archive::kReads) {
     archive.require(m.allFinite(), "a number is not finite");
     archive.require((m.diagonal().array() >= 0).all(), "a variance is negative");
+    archive.require(is_positive(m), "a covariance has a negative eigenvalue");
   }
 }
 
@@ -193,6 +202,12 @@ void content(Archive& archive, Index& index, const Bounds& bounds) {
     index_below(archive, l.to, index.keyframes.size());
     pose(archive, l.from_from_to);
     matrix(archive, l.information);
+    if constexpr (Archive::kReads) {
+      archive.require(l.from != l.to, "a link joins a keyframe with itself");
+      archive.require((l.information - l.information.transpose()).isZero(1e-9 * l.information.cwiseAbs().maxCoeff()),
+                      "the information of a link is not symmetric");
+      archive.require(is_positive(l.information), "the information of a link has a negative eigenvalue");
+    }
     flag(archive, l.loop);
   });
 }

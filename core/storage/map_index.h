@@ -77,8 +77,8 @@ std::string index_bytes(const MapIndex& index, uint64_t parts_end);
 // Returns the content of an index with its trailer.
 std::string with_trailer(std::string content, uint64_t parts_end);
 
-// Reads the index at the end of `bytes`, a map file or the index of a journal. Poses and information matrices are finite and all
-// indices in range. Parts of file 0 lie before parts_end; other files are permitted only if `most_files` > 1. Throws Error, beginning
+// Reads the index at the end of `bytes`, a map file or the index of a journal. Poses are finite, covariances and information
+// matrices positive semidefinite, and all indices in range. Parts of file 0 lie before parts_end; other files are permitted only if `most_files` > 1. Throws Error, beginning
 // with `where`, if it is truncated or damaged.
 struct IndexOfFile {
   MapIndex index;

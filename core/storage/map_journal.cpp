@@ -146,6 +146,7 @@ void MapJournal::bring_up_to_date() {
   std::shared_ptr<const Present> present;
   {
     const std::lock_guard lock(mutex_);
+    if (images_to_replace_ > 0) return;  // the corrections belong to the new images
     present = present_;
   }
   if (!present) return;
@@ -161,9 +162,11 @@ void MapJournal::bring_up_to_date() {
 // Poses, motions, links and frames that were noted before.
 void MapJournal::note_changes(const KeyframeMap& map, std::vector<Step>& steps) {
   revision_ = map.revision();
+  int replaced = 0;
   for (size_t i = 0; i < images_.size(); ++i) {
     const StoredFrame& frame = map.keyframes()[i].frame;
     if (std::exchange(images_[i], frame.depth_m.data) == frame.depth_m.data) continue;
+    ++replaced;
     steps.push_back([this, i, frame, landmarks = map.keyframes()[i].landmarks.get()] {
       const StoredPart part = saved(frame);
       const StoredPart of_landmarks = parts_.add(landmark_bytes(*landmarks)),
@@ -174,6 +177,8 @@ void MapJournal::note_changes(const KeyframeMap& map, std::vector<Step>& steps) 
       for (MapIndex::FrameEntry& entry : index_.frames) {
         if (entry.own && entry.keyframe == static_cast<int>(i)) entry.images = part;
       }
+      const std::lock_guard lock(mutex_);
+      --images_to_replace_;
     });
   }
   auto present = std::make_shared<Present>();
@@ -184,6 +189,7 @@ void MapJournal::note_changes(const KeyframeMap& map, std::vector<Step>& steps) 
   {
     const std::lock_guard lock(mutex_);
     present_ = std::move(present);
+    images_to_replace_ += replaced;
   }
   steps.emplace_back([] {});
 }

@@ -101,8 +101,9 @@ class MapJournal {
   std::condition_variable changed_;
   std::vector<Step> waiting_;               // guarded by mutex_
   std::shared_ptr<const Present> present_;  // at the last correction; guarded by mutex_
-  bool stopping_ = false;                   // guarded by mutex_
-  int saved_keyframes_ = 0;                 // guarded by mutex_
+  int images_to_replace_ = 0;  // steps that wait, without which present_ does not describe the index; guarded by mutex_
+  bool stopping_ = false;      // guarded by mutex_
+  int saved_keyframes_ = 0;    // guarded by mutex_
 
   bool removed_ = false;
   std::thread thread_;

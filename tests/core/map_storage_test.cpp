@@ -263,6 +263,32 @@ TEST(MapStorage, LandmarksOfAnotherKeyframeAreRefused) {
   EXPECT_THAT(error_of([&] { verify_map(temp / "swapped.map"); }), says);
 }
 
+// Links that the pose graph would refuse later, in the middle of a run.
+TEST(MapStorage, ImpossibleLinksAreRefused) {
+  const TempFolder temp;
+  write_map(temp / "a.map", map_of(4));
+  const std::string whole = test::read_bytes(temp / "a.map");
+  const auto message_with = [&](const auto& change) {
+    IndexOfFile of_file = read_index(whole, "a.map");
+    change(of_file.index);
+    test::write_bytes(temp / "bad.map",
+                      whole.substr(0, of_file.parts_end) + index_bytes(of_file.index, of_file.parts_end));
+    return error_of([&] { (void)open_map(temp / "bad.map", kTinyRig, {}); });
+  };
+  EXPECT_EQ(message_with([](MapIndex&) {}), "no Error was thrown");
+  EXPECT_THAT(message_with([](MapIndex& index) { index.links[0].to = index.links[0].from; }),
+              HasSubstr("bad.map: is damaged (a link joins a keyframe with itself)"));
+  EXPECT_THAT(message_with([](MapIndex& index) { index.links[1].information(0, 3) = 1e5; }),
+              HasSubstr("the information of a link is not symmetric"));
+  EXPECT_THAT(message_with([](MapIndex& index) { index.links[1].information(2, 2) = -1; }),
+              HasSubstr("the information of a link has a negative eigenvalue"));
+  EXPECT_THAT(message_with([](MapIndex& index) {
+                Matrix6d& covariance = index.keyframes[1].motion.covariance;
+                covariance(0, 1) = covariance(1, 0) = 2 * covariance.diagonal().maxCoeff();
+              }),
+              HasSubstr("a covariance has a negative eigenvalue"));
+}
+
 // No byte can change unnoticed, except those that fill up parts.
 TEST(MapStorage, DamageIsNoticedWhenItIsRead) {
   const TempFolder temp;
@@ -566,6 +592,35 @@ TEST(MapJournal, AFullDiskLosesNothingThatWasSaved) {
   (void)recover_map(WorkFolder::taken_over(left_maps(temp / "run")[0].folder), temp / "saved.map");
   verify_map(temp / "saved.map");
   EXPECT_EQ(expect_beginning(open_map(temp / "saved.map", kTinyRig, {}), map), 2);
+}
+
+// The corrections that come with a new image of a keyframe do not reach the index before the image does.
+TEST(MapJournal, AFullDiskDoesNotSeparateAnImageFromItsPoses) {
+  const TempFolder temp;
+  const auto begun = [] {
+    KeyframeMap map = map_of(2);
+    map.link({1, 0, at(1).inverse() * at(0), 1e6 * Matrix6d::Identity(), true});
+    return map;
+  };
+  std::atomic<int> warnings = 0;
+  KeyframeMap map = map_of(2);
+  {
+    MapJournal journal(temp / "run", [&](const std::string&) { ++warnings; });
+    journal.update(map);
+    wait_until_saved(journal, 2);
+    const FileLimit limit(fs::file_size(journal.folder() / "saved.map") + 1000);
+    map.link({1, 0, at(1).inverse() * at(0), 1e6 * Matrix6d::Identity(), true});
+    journal.update(map);
+    Frame better = frame_of(77);  // of the same view
+    better.index = 0, better.timestamp_s = 0;
+    map.replace_frame(0, better, {Eigen::Matrix3d::Identity(), {1e-3, 0, 0}});
+    journal.update(map);
+    while (warnings == 0) std::this_thread::sleep_for(std::chrono::milliseconds(5));
+    EXPECT_THROW(journal.finish(map, temp / "saved.map"), Error);
+  }
+  ASSERT_EQ(left_maps(temp / "run").size(), 1u);
+  (void)recover_map(WorkFolder::taken_over(left_maps(temp / "run")[0].folder), temp / "saved.map");
+  EXPECT_EQ(expect_beginning(open_map(temp / "saved.map", kTinyRig, {}), begun()), 2);
 }
 
 TEST(MapJournal, SavesWhatWaitedOnceTheDiskHasSpace) {
