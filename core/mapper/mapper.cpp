@@ -109,6 +109,7 @@ FrameResult Mapper::process(MapperInput input) {
 // After a view without a pose, earlier views do not predict the motion.
 void Mapper::restart() {
   continuous_from_ = track_.size();
+  evidence_of_motion_ = 0;
   vibration_.restart();
 }
 
@@ -231,7 +232,7 @@ std::vector<PoseSample> Mapper::last_samples(int registered_with, const PoseVari
     const TrackedView& view = track_[i];
     const bool same = view.registered_with == registered_with;
     samples.push_back(
-        {view.timestamp_s, world_from_camera(view), same ? view.variance : view.variance + shared, view.own_motion});
+        {view.timestamp_s, world_from_camera(view), same ? view.variance : view.variance + shared, view.motion()});
   }
   return samples;
 }
@@ -557,7 +558,7 @@ void Mapper::note_pose(FrameResult& result) {
   track_.back().variance = variance_;
   track_.back().shared = shared_variance_;
   if (in_motion_ && result.motion->residuals > 0 && !result.motion_by_prediction)
-    track_.back().own_motion = result.motion;
+    track_.back().own_motion = std::make_shared<const StackMotion>(*result.motion);
   vibration_.end_view();
   // Older views predict no motion.
   constexpr size_t kMostPredicting = 64;

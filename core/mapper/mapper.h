@@ -106,9 +106,12 @@ class Mapper {
     double timestamp_s = 0;
     int keyframe = 0;
     Pose keyframe_from_camera;
-    int registered_with = -1;                    // keyframe; -1: first view
-    PoseVariance variance = {}, shared = {};     // of the pose; `shared` by all views registered with the same keyframe
-    std::optional<StackMotion> own_motion = {};  // estimated from the stack without a prediction
+    int registered_with = -1;                 // keyframe; -1: first view
+    PoseVariance variance = {}, shared = {};  // of the pose; `shared` by all views registered with the same keyframe
+    // Estimated from the stack without a prediction; null once the view is too old to predict others.
+    std::shared_ptr<const StackMotion> own_motion = {};
+
+    std::optional<StackMotion> motion() const { return own_motion ? std::optional(*own_motion) : std::nullopt; }
   };
 
   // The next view as expected from the last ones.

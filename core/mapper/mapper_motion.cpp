@@ -110,7 +110,9 @@ void Mapper::confirm_in_motion(FrameResult& result, const MapperInput& input) {
   prediction_checked_ = false;  // the pose contradicts the prediction
   FrameResult joint = result;   // shares its images
   MotionEffect effect;
-  bool confirmed = follow_in_motion(joint, input, {world_from_reference * pose, covariance, {}}, effect);
+  // Without a joint estimate, the registration would only be repeated.
+  bool confirmed =
+      follow_in_motion(joint, input, {world_from_reference * pose, covariance, {}}, effect) && effect.reference >= 0;
   if (confirmed) {
     const Pose& joint_pose = joint.registration.earlier_from_current;
     const Pose world_from_other = map_.keyframes()[static_cast<size_t>(joint.reference)].world_from_camera,
@@ -263,7 +265,7 @@ MotionPrior Mapper::motion_like_last(double timestamp_s) const {
 }
 
 // Estimates the motion during a stack by registration with the map, and decodes the stack with it. Returns the camera
-// pose that was estimated with it.
+// pose that was estimated with it; the predicted one, without an `effect`, if there are too few pixels.
 Pose Mapper::estimate_motion(FrameResult& result, const MapperInput& input, const Prediction& predicted,
                              const ExpectedView* expected, const MotionPrior& prior, MotionEffect& effect) {
   constexpr int kRounds = 6;
@@ -273,18 +275,28 @@ Pose Mapper::estimate_motion(FrameResult& result, const MapperInput& input, cons
   MotionPrior widened = prior;
   vibration_.widen(widened.covariance);
   Pose world_from_camera = predicted.world_from_camera;
+  const auto without_estimate = [&] {
+    effect = {};
+    vibration_.widen(result.motion->covariance);
+    return predicted.world_from_camera;
+  };
   for (int round = 0; round < kRounds; ++round) {
     const int reference = best_reference(result.frame, world_from_camera);
     // Detecting motion requires fewer pixels than estimating it.
-    const int stride = result.motion->motion.is_still() ? 12 : 6;
-    const std::vector<DepthSlope> slopes = input.depth_slopes(result, stride);
-    if (reference < 0 || slopes.empty()) return predicted.world_from_camera;
-    enter_stage("motion");
+    const int coarsest = result.motion->motion.is_still() ? 12 : 6;
+    if (reference < 0) return without_estimate();
     const Pose world_from_reference = map_.keyframes()[static_cast<size_t>(reference)].world_from_camera;
-    const MotionRegistration found =
-        register_motion(keyframe_image(reference), result.frame, rig_.camera,
-                        world_from_reference.inverse() * world_from_camera, slopes, result.motion->motion, widened);
-    if (!found.valid) return predicted.world_from_camera;
+    MotionRegistration found;
+    // Views with few pixels need all of them.
+    for (int stride = coarsest; stride >= 1 && !found.valid; stride /= 2) {
+      const std::vector<DepthSlope> slopes = input.depth_slopes(result, stride);
+      if (slopes.empty()) continue;
+      enter_stage("motion");
+      found =
+          register_motion(keyframe_image(reference), result.frame, rig_.camera,
+                          world_from_reference.inverse() * world_from_camera, slopes, result.motion->motion, widened);
+    }
+    if (!found.valid) return without_estimate();
     const Vector12d change = to_vector(result.motion->motion) + found.step - to_vector(prior.motion);
     if (!by_own_stack && vibration_.note(change, prior.covariance, found.motion_covariance)) {
       widened = prior;

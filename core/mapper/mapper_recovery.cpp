@@ -119,7 +119,7 @@ std::optional<Mapper::Prediction> Mapper::predict_between(double timestamp_s) co
     std::vector<PoseSample> list;
     for (; first != end; ++first) {
       const TrackedView& view = **first;
-      list.push_back({view.timestamp_s, world_from_camera(view), view.variance + view.shared, view.own_motion});
+      list.push_back({view.timestamp_s, world_from_camera(view), view.variance + view.shared, view.motion()});
     }
     return list;
   };
