@@ -127,7 +127,7 @@ class Check {
       return image(i) + " should show a Gray-code bit but is not black and white";
     for (size_t j = 0; j < sequence_.patterns.size(); ++j) {
       const Pattern& other = sequence_.patterns[j];
-      if (j == i || other.coding != Coding::gray || other.axis != pattern.axis) continue;
+      if (j == i || other.coding != Coding::gray) continue;
       Pattern inverted = pattern;
       inverted.inverted = !pattern.inverted;
       const bool inverse = other == inverted;

@@ -224,5 +224,31 @@ TEST(SequenceCheck, TheMeanOfFringesTellsTheGamma) {
   EXPECT_THROW(gamma_of_mean(std::nan("")), Error);
 }
 
+// Judges the sequence as it is and with each image from `first` on replaced by the one before it.
+void expect_repeats_found(const PatternSequence& sequence, const Scene& scene, double gamma, size_t first = 1) {
+  const std::vector<cv::Mat> images = scene.seen(sequence.patterns, gamma);
+  const cv::Mat white = scene.seen(kWhite, 1, gamma), black = scene.seen(kBlack, 2, gamma);
+  const SequenceVerdict verdict = check_sequence(sequence, images, white, black);
+  EXPECT_TRUE(verdict.good) << verdict.reason;
+  for (size_t i = first; i < images.size(); ++i) {
+    std::vector<cv::Mat> repeated = images;
+    // Another image of the pattern before it, with noise of its own.
+    repeated[i] = i > 0 ? scene.seen(sequence.patterns[i - 1], 500 + i, gamma) : scene.seen(kBlack, 500, gamma);
+    EXPECT_FALSE(check_sequence(sequence, repeated, white, black).good) << "gamma " << gamma << ", image " << i;
+  }
+}
+
+// A dropped first row bit leaves the last column bit on the screen.
+TEST(SequenceCheck, ARepeatedBitOfTheOtherAxisIsFoundOut) {
+  SequenceDesign wanted = design({});
+  wanted.rows = true;
+  wanted.gray_cell_px = 16;
+  wanted.white_black = true;
+  const PatternSequence sequence = design_sequence(wanted);
+  ASSERT_TRUE(std::any_of(sequence.patterns.begin(), sequence.patterns.end(),
+                          [](const Pattern& of) { return of.coding == Coding::gray && of.axis == Axis::rows; }));
+  expect_repeats_found(sequence, Scene(), 1);
+}
+
 }  // namespace
 }  // namespace fringeslam
