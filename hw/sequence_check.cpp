@@ -211,12 +211,20 @@ class Check {
       Phases phases{group.period_px, std::vector<float>(levels_.pixels)};
       std::vector<float> left(levels_.pixels);
       const Waves waves = waves_of(group);
+      std::vector<Steps> steps(group.images.size());
+      std::vector<double> linear(group.images.size());
+      double squares = 0;
       for (size_t p = 0; p < levels_.pixels; ++p) {
-        const Fit fit = fit_of(group, waves, p);
+        const Fit fit = fit_of(group, waves, p, linear);
         phases.turns[p] = fit.turns;
         left[p] = fit.left;
+        squares += static_cast<double>(fit.left) * static_cast<double>(fit.left);
+        for (size_t n = 1; n < steps.size(); ++n) steps[n].add(fit.step(waves, n), linear[n] - linear[n - 1]);
       }
-      if (evenly_spaced(group) && too_many([&](size_t p) { return left[p] > options_.cosine_tolerance; })) return these;
+      if (evenly_spaced(group)) {
+        if (too_many([&](size_t p) { return left[p] > options_.cosine_tolerance; })) return these;
+        if (auto fault = repeated(group, steps, squares)) return fault;
+      }
       // The phase of the coarsest period is absolute; it determines the fringe order of the next finer period, and so
       // on.
       if (coarser) {
@@ -288,22 +296,51 @@ class Check {
 
   // Cosine fitted to a pixel's linearised levels.
   struct Fit {
-    float turns = 0;  // phase
-    float left = 0;   // root of the summed squared residuals
+    float turns = 0;              // phase
+    float left = 0;               // root of the summed squared residuals
+    double sine = 0, cosine = 0;  // amplitudes
+
+    // The cosine's change from the image before the n-th.
+    double step(const Waves& waves, size_t n) const {
+      return cosine * (waves.cosines[n] - waves.cosines[n - 1]) - sine * (waves.sines[n] - waves.sines[n - 1]);
+    }
   };
-  Fit fit_of(const FringeGroup& group, const Waves& waves, size_t p) const {
+  // Also returns the linearised levels.
+  Fit fit_of(const FringeGroup& group, const Waves& waves, size_t p, std::vector<double>& linear) const {
     double sine = 0, cosine = 0, sum = 0, squares = 0;
     for (size_t n = 0; n < group.images.size(); ++n) {
-      const double linear = std::pow(std::clamp(level(group.images[n], p), 0.0, 1.0), 1 / gamma_);
-      sine -= linear * waves.sines[n];
-      cosine += linear * waves.cosines[n];
-      sum += linear;
-      squares += linear * linear;
+      linear[n] = std::pow(std::clamp(level(group.images[n], p), 0.0, 1.0), 1 / gamma_);
+      sine -= linear[n] * waves.sines[n];
+      cosine += linear[n] * waves.cosines[n];
+      sum += linear[n];
+      squares += linear[n] * linear[n];
     }
     const double turns = std::atan2(sine, cosine) / kTwoPi, count = static_cast<double>(group.images.size());
     const double explained = (sum * sum + 2 * (sine * sine + cosine * cosine)) / count;
     return {static_cast<float>(turns - std::floor(turns)),
-            static_cast<float>(std::sqrt(std::max(0.0, squares - explained)))};
+            static_cast<float>(std::sqrt(std::max(0.0, squares - explained))), 2 * sine / count, 2 * cosine / count};
+  }
+
+  // Sums, over the pixels, of the change from one image of a period to the next: that of the fitted cosine squared, and
+  // times the observed one.
+  struct Steps {
+    double fitted = 0, both = 0;
+    void add(double fit, double observed) { fitted += fit * fit, both += fit * observed; }
+  };
+
+  // Finds an image that repeats the one before it. With many images per period, it changes the fit of a single pixel by
+  // less than the noise, but all pixels together lack the change that the other images imply.
+  std::optional<std::string> repeated(const FringeGroup& group, const std::vector<Steps>& steps, double squares) const {
+    constexpr double kShare = 0.5, kSigmas = 5;
+    if (steps.size() < 4) return std::nullopt;
+    const double variance = squares / (static_cast<double>(levels_.pixels) * static_cast<double>(steps.size() - 3));
+    for (size_t n = 1; n < steps.size(); ++n) {
+      const double sigma = std::sqrt(2 * variance * steps[n].fitted);  // of the sum of the products
+      if (steps[n].both + kSigmas * sigma < kShare * steps[n].fitted)
+        return image(static_cast<size_t>(group.images[n])) + " and image " + std::to_string(group.images[n - 1]) +
+               " show the same pattern";
+    }
+    return std::nullopt;
   }
 
   const PatternSequence& sequence_;

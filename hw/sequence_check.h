@@ -8,8 +8,8 @@
 //   flat    v is 0 or 1 of black and white, and grows with the level;
 //   gray    v is 0 or 1, and a bit and its inverse are opposite where both are shown;
 //   fringe  the mean of the N images of a period is the same at all pixels and for all periods; N > 3 images fit a
-//           cosine; and the phase of a finer period equals the phase of the coarser one times the ratio of the periods,
-//           up to whole turns;
+//           cosine, and each differs from the one before it as the cosine does, summed over all pixels; and the phase of
+//           a finer period equals the phase of the coarser one times the ratio of the periods, up to whole turns;
 //   extra, product
 //           v is the pattern's level at the coordinate that the fringes give. Without such fringes, v differs from that
 //           of all other images.

@@ -229,7 +229,7 @@ void expect_repeats_found(const PatternSequence& sequence, const Scene& scene, d
   const std::vector<cv::Mat> images = scene.seen(sequence.patterns, gamma);
   const cv::Mat white = scene.seen(kWhite, 1, gamma), black = scene.seen(kBlack, 2, gamma);
   const SequenceVerdict verdict = check_sequence(sequence, images, white, black);
-  EXPECT_TRUE(verdict.good) << verdict.reason;
+  EXPECT_TRUE(verdict.good) << "gamma " << gamma << ": " << verdict.reason;
   for (size_t i = first; i < images.size(); ++i) {
     std::vector<cv::Mat> repeated = images;
     // Another image of the pattern before it, with noise of its own.
@@ -248,6 +248,14 @@ TEST(SequenceCheck, ARepeatedBitOfTheOtherAxisIsFoundOut) {
   ASSERT_TRUE(std::any_of(sequence.patterns.begin(), sequence.patterns.end(),
                           [](const Pattern& of) { return of.coding == Coding::gray && of.axis == Axis::rows; }));
   expect_repeats_found(sequence, Scene(), 1);
+}
+
+// A repeated image of N changes a sample by at most sin(pi / N) of the contrast, which hardly disturbs the cosine.
+TEST(SequenceCheck, ARepeatedImageOfManyPhaseStepsIsFoundOut) {
+  for (const double gamma : {0.6, 1.0}) {
+    for (const int steps : {18, 32})
+      expect_repeats_found(design_sequence(design({64}, GrayCode::none, steps)), Scene(), gamma, 0);
+  }
 }
 
 }  // namespace
