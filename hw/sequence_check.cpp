@@ -22,7 +22,22 @@ constexpr double kDarkestMean = 0.25, kBrightestMean = 0.75;  // plausible mean 
 struct Levels {
   std::vector<std::vector<float>> of;  // image, pixel
   size_t pixels = 0;
+  // Pixels that lie side by side, and one above the other: some of them, spread over the image.
+  std::array<std::vector<std::pair<size_t, size_t>>, 2> neighbors;
 };
+
+void find_neighbors(const std::vector<int>& tell, cv::Size size, Levels& levels) {
+  constexpr size_t kMost = 1 << 16;  // enough to average the noise
+  cv::Mat1i number(size, -1);
+  for (size_t p = 0; p < tell.size(); ++p) number(tell[p]) = static_cast<int>(p);
+  for (size_t p = 0; p < tell.size(); p += tell.size() / kMost + 1) {
+    const int row = tell[p] / size.width, col = tell[p] % size.width;
+    if (col + 1 < size.width && number(row, col + 1) >= 0)
+      levels.neighbors[0].emplace_back(p, static_cast<size_t>(number(row, col + 1)));
+    if (row + 1 < size.height && number(row + 1, col) >= 0)
+      levels.neighbors[1].emplace_back(p, static_cast<size_t>(number(row + 1, col)));
+  }
+}
 
 Levels levels_of(const std::vector<cv::Mat>& images, const cv::Mat& white, const cv::Mat& black,
                  const SequenceCheckOptions& options) {
@@ -37,6 +52,7 @@ Levels levels_of(const std::vector<cv::Mat>& images, const cv::Mat& white, const
   }
   Levels levels;
   levels.pixels = tell.size();
+  find_neighbors(tell, w.size(), levels);
   for (const cv::Mat& image : images) {
     cv::Mat1f grey;
     image.convertTo(grey, CV_32F);
@@ -141,10 +157,30 @@ class Check {
     return std::nullopt;
   }
 
-  bool same_everywhere(size_t i, size_t j, float tolerance = 0.5f) const {
+  bool same_everywhere(size_t i, size_t j) const {
     size_t differ = 0;
-    for (size_t p = 0; p < levels_.pixels; ++p) differ += std::abs(levels_.of[i][p] - levels_.of[j][p]) > tolerance;
+    for (size_t p = 0; p < levels_.pixels; ++p) differ += std::abs(levels_.of[i][p] - levels_.of[j][p]) > 0.5f;
     return static_cast<double>(differ) < 0.005 * static_cast<double>(levels_.pixels);
+  }
+
+  // True if a difference of levels is nothing but noise. Noise is independent from pixel to pixel, so that the products of
+  // neighbors average to the square of the rest: waves are alike at neighbors across them or along them.
+  template <class Difference>
+  bool only_noise(const Difference& difference) const {
+    constexpr double kMostShared = 0.04, kMost = 0.3;  // RMS; two waves differ by 0.5
+    double shared = 0, squares = 0;
+    size_t count = 0;
+    for (const auto& pairs : levels_.neighbors) {
+      double sum = 0;
+      for (const auto& [p, q] : pairs) {
+        const double a = difference(p), b = difference(q);
+        sum += a * b;
+        squares += 0.5 * (a * a + b * b);
+      }
+      if (!pairs.empty()) shared = std::max(shared, sum / static_cast<double>(pairs.size()));
+      count += pairs.size();
+    }
+    return count > 0 && shared < kMostShared * kMostShared && squares < kMost * kMost * static_cast<double>(count);
   }
 
   // Both values of a bit are in view. On a small object, several coarse bits may be constant and equal; where one of two
@@ -163,20 +199,25 @@ class Check {
     const Located& known = located_[index_of(pattern.axis)];
     const double period_px =
         pattern.coding == Coding::product ? std::min(pattern.period_px, pattern.carrier_px) : pattern.period_px;
+    const auto seen = [this](size_t of, size_t p) { return static_cast<double>(levels_.of[of][p]); };
+    const std::string other = image(i) + " does not show its " +
+                              (pattern.coding == Coding::product ? "product of cosines" : "extra frequency") +
+                              " of period " + to_text(pattern.period_px) + " px";
     if (known.coordinate_px.empty() || known.period_px > kCoarsest * period_px) {
+      for (const double level : {0.0, 1.0}) {  // black or white, which may precede the sequence
+        if (only_noise([&](size_t p) { return seen(i, p) - level; })) return other;
+      }
       for (size_t j = 0; j < sequence_.patterns.size(); ++j) {
-        if (j != i && sequence_.patterns[j] != pattern && same_everywhere(i, j, 0.1f))
+        if (j != i && sequence_.patterns[j] != pattern && only_noise([&](size_t p) { return seen(i, p) - seen(j, p); }))
           return image(i) + " and image " + std::to_string(j) + " show the same pattern";
       }
       return std::nullopt;
     }
     if (too_many([&](size_t p) {
           const double light = std::pow(ideal_intensity(pattern, known.coordinate_px[p]), gamma_);
-          return std::abs(static_cast<double>(levels_.of[i][p]) - light) > 2 * options_.tolerance;
+          return std::abs(seen(i, p) - light) > 2 * options_.tolerance;
         }))
-      return image(i) + " does not show its " +
-             (pattern.coding == Coding::product ? "product of cosines" : "extra frequency") + " of period " +
-             to_text(pattern.period_px) + " px";
+      return other;
     return std::nullopt;
   }
 

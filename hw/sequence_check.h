@@ -11,8 +11,8 @@
 //           cosine, and each differs from the one before it as the cosine does, summed over all pixels; and the phase of
 //           a finer period equals the phase of the coarser one times the ratio of the periods, up to whole turns;
 //   extra, product
-//           v is the pattern's level at the coordinate that the fringes give. Without such fringes, v differs from that
-//           of all other images.
+//           v is the pattern's level at the coordinate that the fringes give. Without such fringes, v differs from black,
+//           from white and from that of all other images by more than noise.
 //
 // A wrong pattern violates one of these conditions at most pixels. If the projector's light is the gamma'th power of
 // the grey value, fringes are not cosines and their mean is not 1/2 but (s: fringe phase)
