@@ -132,8 +132,7 @@ class Check {
   std::optional<std::string> single(size_t i) const {
     const Pattern& pattern = sequence_.patterns[i];
     const std::vector<float>& level = levels_.of[i];
-    if (pattern.coding == Coding::flat && sequence_.inverse_response.empty() &&
-        (pattern.level == 0 || pattern.level == 1) &&
+    if (pattern.coding == Coding::flat && (pattern.level == 0 || pattern.level == 1) &&
         too_many([&](size_t p) { return std::abs(level[p] - pattern.level) > options_.tolerance; }))
       return image(i) + " should be entirely " + (pattern.level > 0 ? "white" : "black") + " but is not";
     if (pattern.coding == Coding::extra || pattern.coding == Coding::product) return single_wave(i);

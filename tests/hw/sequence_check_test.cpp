@@ -272,5 +272,14 @@ TEST(SequenceCheck, ARepeatedWaveIsFoundOutInTheDark) {
     expect_repeats_found(design_sequence(wanted), dark, 1, 0);
 }
 
+// The images of white and black are shown with the same inverse response as the patterns.
+TEST(SequenceCheck, FlatImagesOfALinearizedSequenceAreChecked) {
+  SequenceDesign wanted = design({1040, 131});
+  wanted.white_black = true;
+  PatternSequence sequence = design_sequence(wanted);
+  sequence.inverse_response = {0.1, 0.6, 0.9};
+  expect_repeats_found(sequence, Scene(), 1);
+}
+
 }  // namespace
 }  // namespace fringeslam
