@@ -178,6 +178,7 @@ std::optional<FringeStack> HardwareRig::capture(const PatternSequence& sequence)
         "the rig file");
   if (!takes_exposures()) check_packed_exposure();
   std::string reason;
+  bool saturated = false;
   for (int attempt = 0; attempt < options_.attempts; ++attempt) {
     retaken_ += attempt > 0;
     const Taken taken = options_.packing.empty() ? capture_sequential(sequence) : capture_packed(sequence);
@@ -190,6 +191,7 @@ std::optional<FringeStack> HardwareRig::capture(const PatternSequence& sequence)
       stack.exposure_time_s.push_back(image.timestamp_s - 0.5 * image.exposure_s);
     }
     reason = taken.fault;
+    saturated = false;
     if (!reason.empty()) continue;
     const SequenceVerdict verdict = check(sequence, taken);
     if (verdict.good) {
@@ -199,8 +201,11 @@ std::optional<FringeStack> HardwareRig::capture(const PatternSequence& sequence)
       return stack;
     }
     reason = verdict.reason;
+    saturated = verdict.saturated;
   }
-  throw SequenceRejected("rig: no valid sequence in " + std::to_string(options_.attempts) + " attempts: " + reason);
+  reason = "rig: no valid sequence in " + std::to_string(options_.attempts) + " attempts: " + reason;
+  if (saturated) throw Overexposed(reason);
+  throw SequenceRejected(reason);
 }
 
 }  // namespace fringeslam

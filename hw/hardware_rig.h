@@ -39,6 +39,12 @@ class SequenceRejected : public Error {
   using Error::Error;
 };
 
+// They do not show them because they are saturated.
+class Overexposed : public SequenceRejected {
+ public:
+  using SequenceRejected::SequenceRejected;
+};
+
 class HardwareRig : public Rig {
  public:
   // Throws Error if the camera's or the projector's size differs from the model's.
@@ -46,7 +52,8 @@ class HardwareRig : public Rig {
               const HardwareOptions& options);
   const RigModel& model() const override { return model_; }
   // Captures one stack, never empty. Throws Error if a device fails, or if the patterns are packed and have several exposures
-  // or an exposure longer than the projector shows each of them; SequenceRejected if all attempts fail the check.
+  // or an exposure longer than the projector shows each of them; SequenceRejected if all attempts fail the check, of which
+  // Overexposed if the last one is saturated.
   std::optional<FringeStack> capture(const PatternSequence& sequence) override;
 
   // False if patterns are packed: all are taken at the rig's exposure then.

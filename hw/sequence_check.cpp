@@ -22,6 +22,7 @@ constexpr double kDarkestMean = 0.25, kBrightestMean = 0.75;  // plausible mean 
 struct Levels {
   std::vector<std::vector<float>> of;  // image, pixel
   size_t pixels = 0;
+  size_t saturated = 0;  // other pixels, that saturate in white
   // Pixels that lie side by side, and one above the other: some of them, spread over the image.
   std::array<std::vector<std::pair<size_t, size_t>>, 2> neighbors;
 };
@@ -46,11 +47,14 @@ Levels levels_of(const std::vector<cv::Mat>& images, const cv::Mat& white, const
   black.convertTo(k, CV_32F);
   const double contrast_dn = options.min_contrast * options.full_scale_dn;
   const double saturated_dn = options.saturation * options.full_scale_dn;
+  Levels levels;
   std::vector<int> tell;
   for (int i = 0; i < static_cast<int>(w.total()); ++i) {
-    if (w(i) - k(i) >= contrast_dn && w(i) < saturated_dn) tell.push_back(i);
+    if (w(i) >= saturated_dn)
+      ++levels.saturated;
+    else if (w(i) - k(i) >= contrast_dn)
+      tell.push_back(i);
   }
-  Levels levels;
   levels.pixels = tell.size();
   find_neighbors(tell, w.size(), levels);
   for (const cv::Mat& image : images) {
@@ -413,9 +417,18 @@ SequenceVerdict check_sequence(const PatternSequence& sequence, const std::vecto
     throw Error("sequence: " + std::to_string(images.size()) + " images for " +
                 std::to_string(sequence.patterns.size()) + " patterns");
   const Levels levels = levels_of(images, white, black, options);
-  if (static_cast<double>(levels.pixels) < options.min_pixels * static_cast<double>(white.total()))
+  const double all = static_cast<double>(white.total()), needed = options.min_pixels * all;
+  if (static_cast<double>(levels.pixels) < needed) {
+    const auto saturated = static_cast<double>(levels.saturated);
+    if (saturated >= needed)
+      return {false,
+              to_text(std::round(100 * saturated / all)) +
+                  " % of the pixels are saturated in white, and too few others separate it from black; lower exposure "
+                  "or gain, or close the aperture",
+              1, true, true};
     return {false, "too few pixels separate white from black; is the projector on, its lens open, the scene lit?", 1,
             true};
+  }
   return Check(sequence, levels, options).verdict();
 }
 

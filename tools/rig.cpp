@@ -4,8 +4,10 @@
 #include <chrono>
 #include <cmath>
 #include <cstdio>
+#include <exception>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <utility>
 
 #include "core/rig/rig_file.h"
 #include "core/types/error.h"
@@ -73,15 +75,34 @@ void throw_if_interrupted() {
   if (interrupted()) throw Error("rig: interrupted");
 }
 
+// Captures a stack, at a shorter exposure if the images are saturated. Returns it and the exposure relative to the rig's.
+std::pair<FringeStack, double> first_look(HardwareRig& rig, const PatternSequence& sequence) {
+  constexpr double kShorter = 0.25, kShortest = 1.0 / 64;
+  std::exception_ptr reason;
+  for (double exposure = 1; exposure >= kShortest; exposure *= kShorter) {
+    throw_if_interrupted();
+    try {
+      if (exposure < 1) rig.scale_exposure(kShorter);
+      return {*rig.capture(sequence), exposure};
+    } catch (const Overexposed&) {
+      reason = std::current_exception();
+    } catch (const UnsupportedExposure&) {
+      if (!reason) throw;
+      break;
+    }
+  }
+  std::rethrow_exception(reason);
+}
+
 int check(const std::string& rig_file, const Common& common) {
   const RigModel model = read_rig(rig_file);
   catch_interrupts();  // the devices are released in an orderly way
   const auto rig = open_hardware(rig_file);
   const PatternSequence sequence = phase_shift_sequence(model.projector.width, model.projector.height,
                                                         {model.projector.width + 16.0}, 3, Axis::columns, 8);
-  const auto stack = rig->capture(sequence);
-  cv::Mat brightest = stack->images.front().clone();
-  for (const cv::Mat& image : stack->images) brightest = cv::max(brightest, image);
+  const auto [stack, exposure] = first_look(*rig, sequence);
+  cv::Mat brightest = stack.images.front().clone();
+  for (const cv::Mat& image : stack.images) brightest = cv::max(brightest, image);
   const double full = model.sensor.max_dn();
   const double saturated =
       static_cast<double>(cv::countNonZero(brightest >= full)) / static_cast<double>(brightest.total());
@@ -102,12 +123,16 @@ int check(const std::string& rig_file, const Common& common) {
   const RigAdvice advice = advise_for(*rig, look, rig_file, rig->takes_exposures());
   print_result(
       common,
-      {{"saturated", saturated},
+      {{"exposure", exposure},
+       {"saturated", saturated},
        {"brightness", mean},
        {"gamma", gamma},
        {"sequences_retaken", rig->retaken()},
        {"advice", advice.document}},
-      "camera and projector work together: brightest image at " + std::to_string(std::lround(100 * mean)) +
+      (exposure < 1 ? "the images are saturated at the rig's exposure; what follows is for " + to_text(exposure) +
+                          " times that, " + to_text(1e3 * rig->camera().exposure_s()) + " ms\n"
+                    : "") +
+          "camera and projector work together: brightest image at " + std::to_string(std::lround(100 * mean)) +
           " % of full scale on average, " + to_text(std::round(1e4 * saturated) / 100) + " % saturated" +
           (saturated > 0.01 ? "; lower exposure or gain, or close the aperture"
            : mean < 0.05    ? "; raise exposure or gain"

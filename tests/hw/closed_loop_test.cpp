@@ -666,5 +666,21 @@ TEST_F(ClosedLoop, AStackThatCannotBeListedIsRemoved) {
   EXPECT_EQ(test::listing(at("listed")), (std::set<std::string>{"dataset.yaml", "dataset.yaml/notes"}));
 }
 
+// At sixteen times the exposure that suits the scene, the images do not show that camera and projector work together.
+TEST_F(ClosedLoop, AnOverexposedRigIsCheckedAtAShorterExposure) {
+  const double exposure_s = read_rig(at("rig.yaml")).timing.exposure_s;
+  const fs::path rig =
+      rig_with("{settle_s: 0.01, attempts: 1, camera: {exposure_s: " + std::to_string(16 * exposure_s) + "}}");
+  Child focus = program({"rig", "focus", "--rig", rig.string(), "--count", "1"});
+  EXPECT_EQ(focus.wait(), 2);
+  EXPECT_THAT(log_of("program"), HasSubstr("of the pixels are saturated in white"));
+  Child check = program({"rig", "check", "--rig", rig.string(), "--json"});
+  ASSERT_EQ(check.wait(), 0) << log_of("program");
+  const nlohmann::json said = nlohmann::json::parse(log_of("program"));
+  EXPECT_LT(said["exposure"], 1);
+  EXPECT_LT(said["saturated"], 1);
+  EXPECT_NEAR(said["advice"]["advice"]["exposure_s"], static_cast<double>(said["exposure"]) * 16 * exposure_s, 1e-6);
+}
+
 }  // namespace
 }  // namespace fringeslam

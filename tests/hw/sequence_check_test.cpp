@@ -281,5 +281,19 @@ TEST(SequenceCheck, FlatImagesOfALinearizedSequenceAreChecked) {
   expect_repeats_found(sequence, Scene(), 1);
 }
 
+TEST(SequenceCheck, AnOverexposedSceneIsSaturated) {
+  Scene bright;
+  bright.contrast *= 20.0f;  // at least 800 DN
+  const PatternSequence sequence = design_sequence(design({1040, 131, 16.5}));
+  const std::vector<cv::Mat> images = bright.seen(sequence.patterns, 1);
+  const SequenceVerdict verdict =
+      check_sequence(sequence, images, bright.seen(kWhite, 1, 1), bright.seen(kBlack, 2, 1));
+  EXPECT_FALSE(verdict.good);
+  EXPECT_TRUE(verdict.too_few_pixels);
+  EXPECT_TRUE(verdict.saturated);
+  EXPECT_THAT(verdict.reason, testing::AllOf(testing::HasSubstr("100 % of the pixels are saturated in white"),
+                                             testing::HasSubstr("lower exposure")));
+}
+
 }  // namespace
 }  // namespace fringeslam
