@@ -167,15 +167,16 @@ void check_bits(const ImportPlan& plan, const FringeStack& stack) {
         "are that dark");
 }
 
-// Compares the first stack with its description.
+// Checks the bits of the first stack and, unless `conventions` is false, compares it with its description.
 std::vector<std::string> check_of(const ImportPlan& plan, const SensorModel& sensor,
-                                  const std::optional<RigModel>& calibration) {
+                                  const std::optional<RigModel>& calibration, bool conventions) {
   ImportedRig rig(plan);
   if (calibration) rig.recalibrate(*calibration);
   rig.set_sensor(sensor);
   const auto stack = rig.capture(rig.sequence());
   if (!stack) return {};
   check_bits(plan, *stack);
+  if (!conventions) return {};
   const double exposure = clearest_exposure(*stack, clip_dn(sensor));
   const FringeStack one = as_one_exposure(images_at(*stack, exposure));
   std::vector<double> offset_rad;
@@ -211,9 +212,8 @@ int import_images(ImportPlan plan, const std::string& out, const std::optional<R
   const std::string name = plan.rig.name, board_yaml = plan.board_yaml;
   const bool image_times = plan.has_image_times();
   ImportedNoise noise = noise_of(plan);
-  if (check) {
-    for (std::string& warning : check_of(plan, noise.sensor, calibration)) noise.warnings.push_back(std::move(warning));
-  }
+  for (std::string& warning : check_of(plan, noise.sensor, calibration, check))
+    noise.warnings.push_back(std::move(warning));
   ImportedRig rig(std::move(plan));
   if (calibration) rig.recalibrate(*calibration);
   rig.set_sensor(noise.sensor);

@@ -805,6 +805,11 @@ TEST_F(ImportErrors, TwelveBitsInSixteenAreNotGuessed) {
   EXPECT_EQ(refused.exit_code, 2);
   EXPECT_THAT(refused.err,
               HasSubstr("no gray value of the first stack exceeds 4095 of 65535; add `camera: {bits: N}`"));
+  // Other conventions do not matter for that.
+  const test::Finished unchecked =
+      test::run_program({"import", (temp_ / "in").string(), "--out", (temp_ / "unchecked").string(), "--no-check"});
+  EXPECT_EQ(unchecked.exit_code, 2);
+  EXPECT_EQ(unchecked.err, refused.err);
   EXPECT_EQ(imported("camera: {bits: 12}\n").exit_code, 0);
 }
 
