@@ -63,11 +63,11 @@ std::string line_of(const FocusReading& reading, const Best& best) {
 int focus(const RigFocusArguments& arguments, const Common& common) {
   const RigModel model = read_rig(arguments.rig);
   const PatternSequence sequence = focus_sequence(model, arguments.period_px);
+  catch_interrupts();  // from now on, the devices are released in an orderly way
   const std::unique_ptr<LivePage> page = open_live_page(
       arguments.live,
       {.verb = "focus", .name = model.name, .rig = model, .sequence = sequence, .stacks = arguments.count});
   const auto rig = open_hardware(arguments.rig);
-  catch_interrupts();
   ordered_json readings = ordered_json::array();
   Best best;
   for (int i = 0; (arguments.count == 0 || i < arguments.count) && !interrupted(); ++i) {

@@ -682,5 +682,12 @@ TEST_F(ClosedLoop, AnOverexposedRigIsCheckedAtAShorterExposure) {
   EXPECT_NEAR(said["advice"]["advice"]["exposure_s"], static_cast<double>(said["exposure"]) * 16 * exposure_s, 1e-6);
 }
 
+// The page is there before the devices are opened.
+TEST_F(ClosedLoop, FocusThatIsInterruptedWhileTheDevicesOpenReleasesThem) {
+  Child focus = program({"rig", "focus", "--rig", at("rig.yaml"), "--live", "0"});
+  ASSERT_TRUE(wait_until(60, [&] { return live_port(log_of("program")) > 0; })) << log_of("program");
+  EXPECT_EQ(focus.stop(SIGINT), 0) << log_of("program");
+}
+
 }  // namespace
 }  // namespace fringeslam
