@@ -601,6 +601,29 @@ TEST_F(ForeignBags, SelectionsThatDoNotFitAreErrors) {
   EXPECT_THAT(Bags::import_error("folder"), HasSubstr("'bag' needs a ROS bag"));
 }
 
+// An image lost between two stacks shifts all patterns after it.
+TEST_F(ForeignBags, AnImageLostBetweenStacksIsSuspected) {
+  constexpr BagTime kInterval = kSecond / 10;
+  const auto warnings = [&](size_t lost, BagTime pause) {
+    BagWriter bag(temp_ / "lost.bag");
+    for (size_t i = 0; i < 18; ++i) {
+      const size_t exposure = i < lost ? i : i + 1;
+      const BagTime stamp = kSecond + static_cast<BagTime>(exposure) * kInterval + static_cast<BagTime>(i / 6) * pause;
+      bag.image({"/cam", "", stamp}, bag_image(stacks_[i / 6 % 2].images[i % 6], "mono8"));
+    }
+    bag.close();
+    const std::string out = at("lost" + std::to_string(lost) + "_" + std::to_string(pause));
+    return run_successfully(
+               {"import", at("lost.bag"), "--config", at("import.yaml"), "--out", out, "--quiet", "--no-check"})
+        .err;
+  };
+  EXPECT_THAT(warnings(12, 0), HasSubstr("0.2 s pass between image 5 of stack 1 and image 0 of stack 2, but 0.1 s in "
+                                         "the median; if images were lost there"));
+  EXPECT_THAT(warnings(14, 0), HasSubstr("between image 1 of stack 2 and image 2 of stack 2"));
+  EXPECT_THAT(warnings(99, 0), Not(HasSubstr("images were lost")));
+  EXPECT_THAT(warnings(99, kSecond), Not(HasSubstr("images were lost")));
+}
+
 TEST(WithoutBags, TheProgramNamesThePackage) {
   if (has_bags()) GTEST_SKIP() << "built with librosbag-storage";
   const test::TempFolder temp;

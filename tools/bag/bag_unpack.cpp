@@ -59,27 +59,43 @@ std::string seconds_text(BagTime time) {
   return text;
 }
 
-// An interval within a stack that is much longer than the others may hide lost images, after which all are assigned to
-// the wrong patterns.
+struct Interval {
+  BagTime length = 0;
+  size_t stack = 0, image = 0;  // before it
+};
+
+BagTime median_length(std::vector<Interval> intervals) {
+  const auto middle = intervals.begin() + static_cast<std::ptrdiff_t>((intervals.size() - 1) / 2);
+  std::nth_element(intervals.begin(), middle, intervals.end(),
+                   [](const Interval& a, const Interval& b) { return a.length < b.length; });
+  return middle->length;
+}
+
+// An interval that is much longer than the others may hide lost images, after which all are assigned to the wrong patterns.
+// Those between stacks count if most of them are not longer, as without pauses.
 std::vector<std::string> gap_warnings(const fs::path& file, const std::vector<std::vector<BagTime>>& stacks) {
   constexpr BagTime kLong = 3;  // times the median, in halves; twice the median if one image was lost
-  std::vector<BagTime> intervals;
-  for (const std::vector<BagTime>& times : stacks) {
-    for (size_t i = 1; i < times.size(); ++i) intervals.push_back(times[i] - times[i - 1]);
+  const auto is_long = [](BagTime interval, BagTime median) { return 2 * interval > kLong * median; };
+  std::vector<Interval> intervals, between;
+  for (size_t s = 0; s < stacks.size(); ++s) {
+    const std::vector<BagTime>& times = stacks[s];
+    for (size_t i = 0; i + 1 < times.size(); ++i) intervals.push_back({times[i + 1] - times[i], s, i});
+    if (s + 1 < stacks.size()) between.push_back({stacks[s + 1].front() - times.back(), s, times.size() - 1});
   }
   if (intervals.size() < 3) return {};
-  std::vector<BagTime> sorted = intervals;
-  std::sort(sorted.begin(), sorted.end());
-  const BagTime median = sorted[sorted.size() / 2];
-  const auto longest = std::max_element(intervals.begin(), intervals.end());
-  if (2 * *longest <= kLong * median) return {};
-  const size_t per_stack = stacks.front().size() - 1, index = static_cast<size_t>(longest - intervals.begin());
-  char text[200];
+  const BagTime median = median_length(intervals);
+  if (!between.empty() && !is_long(median_length(between), median))
+    intervals.insert(intervals.end(), between.begin(), between.end());
+  const Interval longest = *std::max_element(intervals.begin(), intervals.end(),
+                                             [](const Interval& a, const Interval& b) { return a.length < b.length; });
+  if (!is_long(longest.length, median)) return {};
+  const bool last = longest.image + 1 == stacks[longest.stack].size();
+  char text[320];
   std::snprintf(text, sizeof text,
-                ": %.4g s pass between images %zu and %zu of stack %zu, but %.4g s in the median; if images were lost "
-                "there, the patterns are wrong",
-                1e-9 * static_cast<double>(*longest), index % per_stack, index % per_stack + 1, index / per_stack,
-                1e-9 * static_cast<double>(median));
+                ": %.4g s pass between image %zu of stack %zu and image %zu of stack %zu, but %.4g s in the median; if "
+                "images were lost there, the patterns are wrong",
+                1e-9 * static_cast<double>(longest.length), longest.image, longest.stack, last ? 0 : longest.image + 1,
+                last ? longest.stack + 1 : longest.stack, 1e-9 * static_cast<double>(median));
   return {file.string() + text};
 }
 
