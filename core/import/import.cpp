@@ -99,14 +99,16 @@ void ImportedRig::set_sensor(const SensorModel& sensor) {
 }
 
 cv::Mat ImportedRig::read(const fs::path& file) const {
-  cv::Mat image = read_as_grey(file, plan_.camera.grey_from);
+  constexpr double kMost16Bits = 65535;
+  const bool in_high_bits = plan_.camera.msb_aligned && CV_MAT_DEPTH(type_) == CV_16U;
+  cv::Mat image = read_as_grey(file, plan_.camera.grey_from, in_high_bits ? kMost16Bits : model_.sensor.max_dn());
   if (image.cols != model_.camera.width || image.rows != model_.camera.height)
     throw Error(file.string() + ": is " + size_text(image.cols, image.rows) + " but " + first_.string() + " is " +
                 size_text(model_.camera.width, model_.camera.height) + "; all images must have the same size");
   if (image.type() != type_)
     throw Error(file.string() + ": has a different pixel type than " + first_.string() +
                 "; all images must have the same type");
-  if (plan_.camera.msb_aligned && image.depth() == CV_16U) {
+  if (in_high_bits) {
     // Shifted, not divided, because division would round: the low bits may hold a copy of the high bits.
     const int unused = file_bits(image) - model_.sensor.bits;
     for (auto pixel = image.begin<uint16_t>(); pixel != image.end<uint16_t>(); ++pixel)

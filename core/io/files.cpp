@@ -135,7 +135,7 @@ cv::Mat read_pixels(const fs::path& file) { return read_image(file, {}).image; }
 
 void check_image(const fs::path& file) { (void)read_pixels(file); }
 
-cv::Mat read_as_grey(const fs::path& file, GreyFrom from) {
+cv::Mat read_as_grey(const fs::path& file, GreyFrom from, std::optional<double> full_scale) {
   const cv::Mat image = read_image(file, {}).image;
   std::vector<cv::Mat> channels;
   cv::split(image, channels);
@@ -152,7 +152,12 @@ cv::Mat read_as_grey(const fs::path& file, GreyFrom from) {
     case GreyFrom::luminance:
       break;
   }
-  return luminance(red, green, blue);
+  cv::Mat grey = luminance(red, green, blue);
+  if (full_scale) {
+    const cv::Mat brightest = cv::max(cv::max(red, green), blue);
+    cv::Mat(cv::max(brightest, *full_scale)).copyTo(grey, brightest >= kClipped * *full_scale);
+  }
+  return grey;
 }
 
 }  // namespace fringeslam

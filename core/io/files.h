@@ -70,9 +70,13 @@ constexpr auto choices(GreyFrom) {
   return std::to_array<Choice<GreyFrom>>({{luminance, "luminance"}, {red, "red"}, {green, "green"}, {blue, "blue"}});
 }
 
+// Share of full scale at which a channel may clip.
+constexpr double kClipped = 0.98;
+
 // Reads an image that may be in colour and converts it to grey. Alpha is ignored. If red, green and blue are equal,
 // they are the grey value; otherwise it is the selected channel or the rounded luminance 0.299 R + 0.587 G + 0.114 B
-// (Rec. 601).
-cv::Mat read_as_grey(const std::filesystem::path& file, GreyFrom from);
+// (Rec. 601). With `full_scale`, the luminance is at least that where a channel reaches kClipped times it: it may clip while the
+// others are dark.
+cv::Mat read_as_grey(const std::filesystem::path& file, GreyFrom from, std::optional<double> full_scale = {});
 
 }  // namespace fringeslam

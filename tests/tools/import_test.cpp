@@ -648,6 +648,22 @@ TEST(ReadAsGrey, EqualChannelsAreThemselvesOthersByTheRule) {
   EXPECT_EQ(value(GreyFrom::luminance), 120);  // 59.8 + 58.7 + 1.14 = 119.64
 }
 
+// A channel that clips flattens the fringes, however dark the luminance is.
+TEST(ReadAsGrey, ALuminanceIsAtFullScaleWhereAChannelClips) {
+  const test::TempFolder temp;
+  cv::Mat3b colour(1, 3, cv::Vec3b(249, 150, 120));
+  colour(0, 1) = {250, 150, 120};  // 98 % of 255 are 249.9
+  colour(0, 2) = {10, 20, 255};
+  write_image(temp / "colour.png", colour);
+  const auto read = [&](GreyFrom from, std::optional<double> full_scale) {
+    const cv::Mat1b grey = read_as_grey(temp / "colour.png", from, full_scale);
+    return std::vector<int>{grey(0), grey(1), grey(2)};
+  };
+  EXPECT_EQ(read(GreyFrom::luminance, 255), (std::vector{176, 255, 255}));  // 74.451 + 88.05 + 13.68 = 176.181
+  EXPECT_EQ(read(GreyFrom::luminance, {}), (std::vector{176, 176, 44}));
+  EXPECT_EQ(read(GreyFrom::green, 255), (std::vector{150, 150, 20}));
+}
+
 TEST(ReadAsGrey, TruncatedFilesOfEveryFormatAreRefused) {
   const test::TempFolder temp;
   cv::Mat1b noise(256, 64);
@@ -811,6 +827,22 @@ TEST_F(ImportErrors, TwelveBitsInSixteenAreNotGuessed) {
   EXPECT_EQ(unchecked.exit_code, 2);
   EXPECT_EQ(unchecked.err, refused.err);
   EXPECT_EQ(imported("camera: {bits: 12}\n").exit_code, 0);
+}
+
+// Full scale is that of camera.bits, in the lowest or in the highest bits of the file.
+TEST_F(ImportErrors, AClippedChannelIsAtTheFullScaleOfTheBits) {
+  const auto first_pixels = [&](int scale, const std::string& camera) {
+    cv::Mat3w colour(6, 8, cv::Vec3w(3000, 1500, 1200));
+    colour(0, 0)[0] = 4095;
+    for (const char* name : {"f00", "f01", "f02", "g0", "g1", "white"}) put(name, colour * scale);
+    test::write_bytes(temp_ / "in/import.yaml", std::string(kGood) + camera);
+    ImportedRig rig(read_import(temp_ / "in/import.yaml", temp_ / "in"));
+    const cv::Mat1w image = rig.capture(rig.sequence())->images[0];
+    return std::vector<int>{image(0, 0), image(0, 1)};
+  };
+  const std::vector<int> expected = {4095, 1914};  // 897 + 880.5 + 136.8 = 1914.3
+  EXPECT_EQ(first_pixels(1, "camera: {bits: 12}\n"), expected);
+  EXPECT_EQ(first_pixels(16, "camera: {bits: 12, msb_aligned: true}\n"), expected);
 }
 
 TEST_F(ImportErrors, TimesOfImages) {
