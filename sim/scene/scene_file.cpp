@@ -372,9 +372,17 @@ Water read_water(const YamlMap& map) {
   return water;
 }
 
-RigModel read_scene_rig(const YamlMap& map, const fs::path& instead) {
-  if (!instead.empty()) map.text("file");
-  const YamlMap changed = YamlMap::load(instead.empty() ? map.file("file") : instead).changed_by(map, {"file"});
+// `instead` replaces the section's rig file, also in the resolved scene; empty: keep it.
+RigModel read_scene_rig(YamlMap map, const fs::path& instead) {
+  fs::path file = instead;
+  if (instead.empty()) {
+    file = map.file("file");
+  } else {
+    (void)map.text("file");  // the section needs it nevertheless
+    map.set("file", yaml_quoted(fs::absolute(instead).string()));
+    (void)map.path("file");
+  }
+  const YamlMap changed = YamlMap::load(file).changed_by(map, {"file"});
   const RigModel rig = read_rig(changed);
   changed.finish();
   return rig;

@@ -305,5 +305,20 @@ TEST_F(SceneVariant, WrongPlacesAreReportedWhereTheyAreGiven) {
               AllOf(StartsWith((temp_ / "scene.yaml").string() + ": "), HasSubstr("'ambient_lux' must be a number")));
 }
 
+TEST_F(SceneVariant, ARigInsteadOfTheScenesIsResolvedAndListed) {
+  RigModel other = load_scene(file()).rig;
+  other.camera.fx = 777;
+  write_text(temp_ / "other.yaml", to_yaml(other));
+  std::vector<std::filesystem::path> files;
+  SceneLoadOptions reading;
+  reading.rig_file = temp_ / "other.yaml";
+  reading.files = &files;
+  const Scene scene = load_scene(file(", near_m: 0.9"), reading);
+  EXPECT_EQ(scene.rig.camera.fx, 777);
+  EXPECT_THAT(files, testing::UnorderedElementsAre(temp_ / "scene.yaml", temp_ / "other.yaml"));
+  write_text(temp_ / "resolved.yaml", scene.resolved);
+  EXPECT_EQ(to_yaml(load_scene(temp_ / "resolved.yaml").rig), to_yaml(scene.rig));
+}
+
 }  // namespace
 }  // namespace fringeslam::sim
