@@ -9,9 +9,11 @@
 #include <cerrno>
 #include <cstring>
 #include <fstream>
+#include <limits>
 #include <new>
 #include <vector>
 
+#include "core/base/fnv.h"
 #include "core/types/error.h"
 
 namespace fringeslam {
@@ -74,12 +76,9 @@ std::string InputFile::read() const {
                       ", the limit for a file of this kind");
         bytes.resize(std::min<uint64_t>(2 * filled + 4096, most_bytes_ + 1));
       }
-      const ssize_t count =
-          pread(descriptor_, bytes.data() + filled, bytes.size() - filled, static_cast<off_t>(filled));
-      if (count < 0 && errno == EINTR) continue;
-      if (count < 0) throw Error(path_.string() + ": cannot be read: " + std::strerror(errno));
+      const size_t count = read_at(filled, bytes.data() + filled, bytes.size() - filled);
       if (count == 0) break;
-      filled += static_cast<size_t>(count);
+      filled += count;
     }
     bytes.resize(filled);
   } catch (const std::bad_alloc&) {
@@ -90,17 +89,35 @@ std::string InputFile::read() const {
 
 std::string InputFile::head(size_t bytes) const {
   std::string start(bytes, '\0');
+  start.resize(read_at(0, start.data(), start.size()));
+  return start;
+}
+
+size_t InputFile::read_at(uint64_t offset, char* block, size_t bytes) const {
   ssize_t count = 0;
   do {
-    count = pread(descriptor_, start.data(), start.size(), 0);
+    count = pread(descriptor_, block, bytes, static_cast<off_t>(offset));
   } while (count < 0 && errno == EINTR);
   if (count < 0) throw Error(path_.string() + ": cannot be read: " + std::strerror(errno));
-  start.resize(static_cast<size_t>(count));
-  return start;
+  return static_cast<size_t>(count);
 }
 
 std::string read_input(const std::filesystem::path& file, uint64_t most_bytes) {
   return InputFile(file, most_bytes).read();
+}
+
+uint64_t hash_input(const std::filesystem::path& file) {
+  const InputFile input(file, std::numeric_limits<uint64_t>::max());
+  std::vector<char> block(std::min<uint64_t>(input.size(), kMebibyte));
+  uint64_t hash = fnv1a("");
+  // A file that grows meanwhile ends where it did when it was opened.
+  for (uint64_t hashed = 0; hashed < input.size();) {
+    const size_t count = input.read_at(hashed, block.data(), std::min<uint64_t>(block.size(), input.size() - hashed));
+    if (count == 0) break;
+    hash = fnv1a({block.data(), count}, hash);
+    hashed += count;
+  }
+  return hash;
 }
 
 void copy_input(const std::filesystem::path& from, const std::filesystem::path& to, uint64_t most_bytes) {
@@ -108,13 +125,11 @@ void copy_input(const std::filesystem::path& from, const std::filesystem::path& 
   std::ofstream out(to, std::ios::binary);
   std::vector<char> block(std::min<uint64_t>(input.size() + 1, kMebibyte));
   for (uint64_t copied = 0; out;) {
-    const ssize_t count = pread(input.descriptor(), block.data(), block.size(), static_cast<off_t>(copied));
-    if (count < 0 && errno == EINTR) continue;
-    if (count < 0) throw Error(from.string() + ": cannot be read: " + std::strerror(errno));
+    const size_t count = input.read_at(copied, block.data(), block.size());
     if (count == 0) break;
-    copied += static_cast<uint64_t>(count);
+    copied += count;
     if (copied > most_bytes) throw Error(from.string() + ": grows while it is copied");
-    out.write(block.data(), count);
+    out.write(block.data(), static_cast<std::streamsize>(count));
   }
   out.close();
   if (!out) throw Error(to.string() + ": cannot be written; check the folder and the free disk space");

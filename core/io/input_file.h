@@ -34,6 +34,9 @@ class InputFile {
   std::string read() const;
   // Returns the first bytes, fewer if the file is shorter. Does not move the position of the descriptor.
   std::string head(size_t bytes) const;
+  // Reads into `block` from `offset` on; returns the number of bytes read, 0 at the end of the file. Does not move the
+  // position of the descriptor. Throws Error if reading fails.
+  size_t read_at(uint64_t offset, char* block, size_t bytes) const;
 
  private:
   std::filesystem::path path_;
@@ -43,6 +46,9 @@ class InputFile {
 
 // Returns the content of a regular file; see InputFile.
 std::string read_input(const std::filesystem::path& file, uint64_t most_bytes = kMostTextBytes);
+
+// Returns the FNV-1a hash of the content of a regular file of any size; see InputFile.
+uint64_t hash_input(const std::filesystem::path& file);
 
 // Copies a regular file to a place where nothing exists. Throws Error like InputFile, or if the copy cannot be written.
 void copy_input(const std::filesystem::path& from, const std::filesystem::path& to,

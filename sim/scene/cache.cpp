@@ -33,6 +33,21 @@ std::string sealed(const std::string& content, const std::string& result) {
   return std::to_string(content.size()) + "\n" + content + result + content_hash(result);
 }
 
+std::string digits(uint64_t hash) {
+  std::string text;
+  for (int shift = 60; shift >= 0; shift -= 4) text += "0123456789abcdef"[hash >> shift & 15];
+  return text;
+}
+
+// Describes a file that cannot be read, so that another one in its place differs.
+std::string description_of_unreadable(const fs::path& file) {
+  std::error_code none;
+  if (!fs::exists(file, none)) return "missing";
+  const uintmax_t bytes = fs::file_size(file, none);
+  const auto written = fs::last_write_time(file, none).time_since_epoch().count();
+  return "unreadable " + std::to_string(bytes) + " " + std::to_string(written);
+}
+
 }  // namespace
 
 fs::path cache_folder() {
@@ -46,12 +61,7 @@ fs::path cache_folder() {
   return fs::temp_directory_path() / "fringeslam";
 }
 
-std::string content_hash(const std::string& content) {
-  const uint64_t hash = fnv1a(content);
-  std::string text;
-  for (int shift = 60; shift >= 0; shift -= 4) text += "0123456789abcdef"[hash >> shift & 15];
-  return text;
-}
+std::string content_hash(const std::string& content) { return digits(fnv1a(content)); }
 
 fs::path cached_file(const std::string& name, const std::string& bytes) {
   const fs::path file = cache_folder() / name;
@@ -85,9 +95,9 @@ std::string contents_hash(const std::vector<std::filesystem::path>& files) {
   std::string hashes;
   for (const std::filesystem::path& file : files) {
     try {
-      hashes += content_hash(read_input(file, kMostImageFileBytes)) + "\n";
+      hashes += digits(hash_input(file)) + "\n";
     } catch (const Error&) {
-      hashes += "missing\n";
+      hashes += description_of_unreadable(file) + "\n";
     }
   }
   return content_hash(hashes);

@@ -3,6 +3,7 @@
 #include <gmock/gmock.h>
 #include <sys/stat.h>
 
+#include <chrono>
 #include <cmath>
 #include <cstdlib>
 #include <set>
@@ -266,6 +267,31 @@ TEST_F(SceneParts, EveryKindOfPieceFitsItsSize) {
     EXPECT_LT(reach, 0.35) << kind;
     EXPECT_GT(reach, 0.04) << kind;
   }
+}
+
+TEST_F(SceneParts, HashesOfFilesDependOnTheirContentWhateverTheirSize) {
+  const auto small = file("small.ply", "content");
+  EXPECT_EQ(contents_hash({small}), content_hash(content_hash("content") + "\n"));
+  EXPECT_EQ(contents_hash({file("empty.ply", "")}), content_hash(content_hash("") + "\n"));
+  // More than the largest image file, and than fits into a block.
+  const auto large = file("large.ply", "");
+  std::filesystem::resize_file(large, (uintmax_t{1} << 30) + 1);
+  const std::string before = contents_hash({large});
+  std::filesystem::resize_file(large, uintmax_t{1} << 30);
+  test::write_bytes(temp_ / "tail", "x");
+  ASSERT_EQ(std::system(("cat " + (temp_ / "tail").string() + " >> " + large.string()).c_str()), 0);
+  EXPECT_NE(contents_hash({large}), before);
+}
+
+TEST_F(SceneParts, FilesThatCannotBeReadAreToldApart) {
+  // Even the superuser cannot read a folder.
+  const std::filesystem::path folder = temp_ / "folder";
+  std::filesystem::create_directory(folder);
+  const std::string before = contents_hash({folder}), missing = contents_hash({temp_ / "none"});
+  EXPECT_NE(before, missing);
+  std::filesystem::last_write_time(folder, std::filesystem::last_write_time(folder) - std::chrono::hours(1));
+  EXPECT_NE(contents_hash({folder}), before);
+  EXPECT_EQ(contents_hash({temp_ / "none"}), missing);
 }
 
 }  // namespace
