@@ -283,8 +283,16 @@ void read_trajectory(const YamlMap& map, const SceneLimits& limits, const std::o
   const YamlMap motion = map.map("continuous");
   scene.view_rate_hz = motion.number_or("view_rate_hz", 0, {0, 1e5});
   const Vibration vibration = motion.has("vibration") ? read_vibration(motion.map("vibration")) : Vibration{};
+  const auto reported = [&](const auto& controls) {
+    try {
+      return controls();
+    } catch (const Error& e) {
+      throw map.error("continuous", e.what());
+    }
+  };
   const auto controls_of = [&] {
-    if (kind == "file" && !motion.has("speed_m_s")) return resampled(scene.trajectory, kKnot_s);
+    if (kind == "file" && !motion.has("speed_m_s"))
+      return reported([&] { return resampled(scene.trajectory, kKnot_s); });
     std::vector<Pose> poses;
     if (spline) {
       poses = smooth_route(map, spline->waypoints, spline->closed, spline->turn_m_per_rad);
@@ -293,11 +301,7 @@ void read_trajectory(const YamlMap& map, const SceneLimits& limits, const std::o
       poses = smooth_route(map, poses, false, 0.5);
     }
     const Travel travel = read_travel(motion);
-    try {
-      return travelled(poses, travel, kKnot_s);
-    } catch (const Error& e) {
-      throw map.error("continuous", e.what());
-    }
+    return reported([&] { return travelled(poses, travel, kKnot_s); });
   };
   std::vector<Pose> controls = controls_of();
   scene.path.emplace(std::move(controls), kKnot_s, vibration, scene.seed);

@@ -294,5 +294,12 @@ TEST_F(SceneParts, FilesThatCannotBeReadAreToldApart) {
   EXPECT_EQ(contents_hash({temp_ / "none"}), missing);
 }
 
+TEST_F(SceneParts, AFileThatCannotBeFollowedIsReportedWhereItIsNamed) {
+  file("route.tum", "0 0 0 0 0 0 0 1\n");
+  EXPECT_THAT(
+      error_of([&] { route("{file: route.tum, continuous: {}}"); }),
+      testing::StartsWith((temp_ / "scene.yaml:6: ").string() + "a trajectory to follow needs at least two poses"));
+}
+
 }  // namespace
 }  // namespace fringeslam::sim
