@@ -253,6 +253,13 @@ void read_trajectory(const YamlMap& map, const SceneLimits& limits, const std::o
   const bool continuous = map.has("continuous");
   if (continuous && map.has("while_capturing"))
     throw map.error("while_capturing", "give continuous or while_capturing, not both");
+  if (continuous && kind == "board_views")
+    throw map.error("continuous",
+                    "'continuous' has no effect with board_views, which are unconnected; remove one of them");
+  if (continuous && scene.commanded)
+    throw map.error("commanded", "'commanded' has no effect with continuous: no poses are commanded; remove it");
+  if (!continuous && kind == "file" && map.has("interval_s"))
+    throw map.error("interval_s", "'interval_s' has no effect with file, whose poses have times; remove it");
   std::optional<Spline> spline;
   const auto views = [&] {
     if (kind == "board_views") return board_views(map.map(kind), rig, scene.seed, interval, limits.views);

@@ -301,5 +301,23 @@ TEST_F(SceneParts, AFileThatCannotBeFollowedIsReportedWhereItIsNamed) {
       testing::StartsWith((temp_ / "scene.yaml:6: ").string() + "a trajectory to follow needs at least two poses"));
 }
 
+TEST_F(SceneParts, SettingsOfTheTrajectoryWithoutEffectAreRefused) {
+  file("route.tum", "0 0 0 0 0 0 0 1\n1.5 0.1 0 0 0 0 0 1\n");
+  const std::string where = (temp_ / "scene.yaml:6: ").string();
+  const auto refused = [&](const std::string& trajectory) { return error_of([&] { route(trajectory); }); };
+  const auto ineffective = [&](const std::string& key) {
+    return testing::StartsWith(where + "'" + key + "' has no effect");
+  };
+  EXPECT_THAT(refused("{interval_s: 2, file: route.tum}"), ineffective("interval_s"));
+  EXPECT_THAT(refused("{commanded: true, poses: [{}, {translation_m: [1, 0, 0]}], continuous: {speed_m_s: 0.1}}"),
+              ineffective("commanded"));
+  EXPECT_THAT(refused("{board_views: {count: 3, distance_m: [0.8, 1], max_tilt_deg: 30, extent_m: [0.1, 0.1]}, "
+                      "continuous: {speed_m_s: 0.1}}"),
+              ineffective("continuous"));
+  // In other combinations, these keys have an effect.
+  EXPECT_EQ(route("{interval_s: 0.5, file: route.tum, continuous: {}}").size(), 4u);
+  EXPECT_EQ(route("{commanded: true, file: route.tum}").size(), 2u);
+}
+
 }  // namespace
 }  // namespace fringeslam::sim
