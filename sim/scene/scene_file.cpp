@@ -2,6 +2,7 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <numbers>
 #include <set>
 
@@ -35,9 +36,10 @@ class SceneDraws : public RandomSource {
 class SceneLayers {
  public:
   SceneLayers(const fs::path& file, const SceneLoadOptions& reading) : reading_(reading) {
-    add(file, "");
-    for (const YamlMap& layer : std::vector<YamlMap>(layers_)) place_from(layer);
-    for (const auto& [path, value] : reading_.changes) change(path, value, "");
+    add(file, "", 0);
+    // The last one to set a value takes precedence.
+    for (size_t i = layers_.size(); i-- > 0;) place_from(i);
+    for (const auto& [path, value] : reading_.changes) change(path, value, "", 0);
     seed = reading.seed.value_or(has("seed") ? with("seed").seed("seed") : 1);
     const auto draws = std::make_shared<SceneDraws>(seed);
     for (size_t i = 0; i < layers_.size(); ++i) {
@@ -68,7 +70,7 @@ class SceneLayers {
         // Single entries of a list in another file, such as the rig's, cannot be overridden.
         const bool is_entry =
             value.path.find_first_not_of("0123456789", value.path.rfind('.') + 1) == std::string::npos;
-        const bool changeable = owner_of(value.path) == &layers_[i] && (!is_entry || value.place.starts_with(file));
+        const bool changeable = owner_of(value.path, 0) == &layers_[i] && (!is_entry || value.place.starts_with(file));
         reading_.values->push_back({std::move(value), changeable});
       }
     }
@@ -91,21 +93,24 @@ class SceneLayers {
   uint64_t seed = 1;
 
  private:
-  // Applies the places that a layer gives in its section `placed`, by key path.
-  void place_from(const YamlMap& layer) {
+  // Applies the places that a layer gives in its section `placed`, by key path: to the file that includes it, and that
+  // file's includes.
+  void place_from(size_t index) {
+    const YamlMap layer = layers_[index];
     if (!layer.has("placed")) return;
     const YamlMap placed = layer.map("placed");
     for (const std::string& path : placed.keys()) {
       const std::string value = placed.yaml(path), place = placed.place(path);
       try {
-        change(path, value, place);
+        change(path, value, place, includers_[index]);
       } catch (const Error& e) {
         placed.report(std::string_view(e.what()).starts_with(place + ": ") ? e : placed.error(path, e.what()));
       }
     }
   }
 
-  void change(const std::string& path, const std::string& value, const std::string& place) {
+  // `from` is the layer whose values the path refers to.
+  void change(const std::string& path, const std::string& value, const std::string& place, size_t from) {
     const std::string section = path.substr(0, path.find('.'));
     // These sections are read before any value is replaced, so that the change would have no effect.
     if (section == "include" || section == "placed")
@@ -113,18 +118,36 @@ class SceneLayers {
     if (path == "rig.hardware" || path.starts_with("rig.hardware."))
       throw layers_.front().error("rig",
                                   path + ": scenes have no hardware; edit the file of the rig that is captured with");
-    YamlMap* layer = owner_of(path);
+    YamlMap* layer = owner_of(path, from);
     if (!layer) throw unknown_material(path);
     layer->set(path, value, place);
   }
 
-  // Returns the layer whose value a key path changes: the first one that has the section or, since materials are merged from
-  // all layers, the material. Null for a key of a material that no layer has: setting it would define a material that no
+  // Returns a layer and those that it includes, also through others, in their order.
+  std::set<size_t> with_includes(size_t index) const {
+    std::set<size_t> found = {index};
+    for (std::vector<size_t> open = {index}; !open.empty();) {
+      const std::vector<size_t> included = includes_[open.back()];
+      open.pop_back();
+      for (const size_t other : included) {
+        if (found.insert(other).second) open.push_back(other);
+      }
+    }
+    return found;
+  }
+
+  // Returns the layer whose value a key path changes: among the layer `from` and its includes, the first one that has the
+  // section or, since materials are merged from all layers, the material; if none has it, among the file that includes them
+  // and its includes, and so on. Null for a key of a material that no layer has: setting it would define a material that no
   // object uses. Whole materials can be added.
-  YamlMap* owner_of(const std::string& path) {
-    const auto first_with = [&](const auto& has) {
-      const auto found = std::find_if(layers_.begin(), layers_.end(), has);
-      return found == layers_.end() ? nullptr : &*found;
+  YamlMap* owner_of(const std::string& path, size_t from) {
+    const auto first_with = [&](const auto& has) -> YamlMap* {
+      for (size_t scope = from;; scope = includers_[scope]) {
+        for (const size_t i : with_includes(scope)) {
+          if (has(layers_[i])) return &layers_[i];
+        }
+        if (scope == 0) return nullptr;
+      }
     };
     const std::string section = path.substr(0, path.find('.'));
     const bool is_material = section == "materials" && section != path;
@@ -138,7 +161,7 @@ class SceneLayers {
       if (layer || !whole) return layer;
     }
     YamlMap* layer = first_with([&](const YamlMap& each) { return each.contains(section); });
-    return layer ? layer : &layers_.front();
+    return layer ? layer : &layers_[from];
   }
 
   // Second part of a key path.
@@ -161,23 +184,28 @@ class SceneLayers {
     map.report(map.error("include", file.string() + " does not exist"));
   }
 
-  void add(const fs::path& file, const std::string& place) {
+  void add(const fs::path& file, const std::string& place, size_t includer) {
     constexpr size_t kMost = 100;
     if (layers_.size() == kMost) throw Error(file.string() + ": more than 100 included files");
-    if (!files_.insert(fs::weakly_canonical(file)).second) return;
+    const size_t index = layers_.size();
+    const auto [known, is_new] = files_.emplace(fs::weakly_canonical(file), index);
+    if (index > 0) includes_[includer].push_back(known->second);
+    if (!is_new) return;
     if (reading_.files) reading_.files->push_back(file);
     const bool given = layers_.empty() && !reading_.text.empty();
     YamlMap map = given ? YamlMap::parse(reading_.text, file.string()) : YamlMap::load(file);
     if (reading_.errors) map.collect_errors(*reading_.errors);
     layers_.push_back(map);
     places_.push_back(place);
+    includers_.push_back(includer);
+    includes_.emplace_back();
     if (!map.has("include")) return;
     const std::vector<std::string> names = map.texts("include");
     const std::vector<fs::path> files = map.paths("include");
     for (size_t i = 0; i < files.size(); ++i) {
       std::error_code ignored;
       if (fs::is_regular_file(files[i], ignored))
-        add(files[i], place + "/" + names[i]);
+        add(files[i], place + "/" + names[i], index);
       else
         report_missing(map, files[i]);
     }
@@ -186,8 +214,10 @@ class SceneLayers {
   SceneLoadOptions reading_;
   std::vector<YamlMap> layers_;
   std::vector<std::shared_ptr<std::vector<YamlValue>>> values_;  // by layer, if wanted
-  std::vector<std::string> places_;  // include path of each layer, part of the address of its draws
-  std::set<fs::path> files_;
+  std::vector<std::string> places_;            // include path of each layer, part of the address of its draws
+  std::map<fs::path, size_t> files_;           // number of the layer of each file
+  std::vector<size_t> includers_;              // by layer: the one that includes it first; 0 for the scene file itself
+  std::vector<std::vector<size_t>> includes_;  // by layer
 };
 
 // Prefixes the first line of a text with `first` and indents the other lines by its length.

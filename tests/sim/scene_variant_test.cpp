@@ -320,5 +320,42 @@ TEST_F(SceneVariant, ARigInsteadOfTheScenesIsResolvedAndListed) {
   EXPECT_EQ(to_yaml(load_scene(temp_ / "resolved.yaml").rig), to_yaml(scene.rig));
 }
 
+// As for sections: those of the including file precede those of included files, and earlier includes later ones.
+TEST_F(SceneVariant, OfSeveralPlacesThoseOfTheIncludingFileCount) {
+  const auto lux = [&](const std::string& own, const std::string& first, const std::string& second) {
+    const auto placed = [](const std::string& value) {
+      return value.empty() ? "description: none\n" : "placed: {light.ambient_lux: " + value + "}\n";
+    };
+    write_text(temp_ / "first.yaml", placed(first));
+    write_text(temp_ / "second.yaml", placed(second));
+    return load_scene(file("", "include: [first.yaml, second.yaml]\n" + placed(own))).ambient_lux;
+  };
+  EXPECT_EQ(lux("1", "2", "3"), 1);
+  EXPECT_EQ(lux("", "2", "3"), 2);
+  EXPECT_EQ(lux("", "", "3"), 3);
+}
+
+// A scene with its own objects that includes another one, whose objects were moved.
+TEST_F(SceneVariant, PlacesReferToTheObjectsOfTheFileThatIncludesThem) {
+  write_text(temp_ / "base.yaml",
+             "include: base_placed.yaml\nobjects:\n"
+             "  - {shape: box, size_m: [0.1, 0.1, 0.1], material: a}\n"
+             "  - {shape: box, size_m: [0.2, 0.2, 0.2], material: a}\n");
+  write_text(temp_ / "base_placed.yaml", "placed: {objects.1.pose.translation_m: [1, 2, 3], rig.near_m: 0.8}\n");
+  const auto places = [](const Scene& scene) {
+    std::vector<Eigen::Vector3d> all;
+    for (const Object& object : scene.objects) all.push_back(object.world_from_object.translation);
+    return all;
+  };
+  const Eigen::Vector3d none = Eigen::Vector3d::Zero(), moved(1, 2, 3);
+  const Scene scene = load_scene(file("", "include: base.yaml\n"));
+  EXPECT_THAT(places(scene), testing::ElementsAre(none, none, none, moved));
+  // Sections that only a file further out has are reached as well.
+  EXPECT_EQ(scene.rig.near_m, 0.8);
+  write_text(temp_ / "placed.yaml", "placed: {objects.0.pose.translation_m: [1, 2, 3]}\n");
+  EXPECT_THAT(places(load_scene(file("", "include: [base.yaml, placed.yaml]\n"))),
+              testing::ElementsAre(moved, none, none, moved));
+}
+
 }  // namespace
 }  // namespace fringeslam::sim
