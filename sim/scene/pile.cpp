@@ -132,7 +132,7 @@ std::vector<Piece> draw_pieces(const Pile& pile, uint64_t seed, uint32_t generat
 // --- cache of settled piles, keyed by all inputs of the simulation ---
 
 std::string description(const std::vector<Body>& bodies, const DropArea& area, uint64_t seed, uint32_t stream) {
-  std::string bytes = "settled, version 2\n";
+  std::string bytes = "settled, version 3\n";
   append_bytes(bytes, seed);
   if (stream != 0) append_bytes(bytes, stream);
   for (const double value : {area.size_x, area.size_y, area.wall_height}) append_bytes(bytes, value);

@@ -144,6 +144,7 @@ class PileSimulation {
     Settled settled;
     constexpr int kRounds = 8;
     for (int round = 0; round < kRounds; ++round) {
+      raise_drop_walls();
       drop(waiting);
       remove_drop_walls();
       waiting = bodies_not_at_rest();
@@ -178,6 +179,9 @@ class PileSimulation {
 
  private:
   static constexpr double kAllowed = 0.0008;  // penetration, m; below the guaranteed 1 mm
+  // Groups of bodies, as bits: those that Bullet knows, and bodies that fall.
+  static constexpr int kLoose = btBroadphaseProxy::DefaultFilter, kFixed = btBroadphaseProxy::StaticFilter,
+                       kAllButFixed = btBroadphaseProxy::AllFilter ^ kFixed, kFalling = 1 << 6;
 
   btCollisionShape* plane(const btVector3& normal, btScalar offset) {
     shapes_.push_back(std::make_unique<btStaticPlaneShape>(normal, offset));
@@ -196,20 +200,29 @@ class PileSimulation {
     btVector3 centre = -normal * (across ? x + kThick : y + kThick);
     centre.setZ(half_height);
     add_fixed(shapes_.back().get(), centre);
-    chute_.push_back(add_fixed(plane(normal, across ? -x : -y), btVector3(0, 0, 0)));
+    chute_.push_back(add_fixed(plane(normal, across ? -x : -y), btVector3(0, 0, 0), kFalling));
   }
-  btRigidBody* add_fixed(btCollisionShape* shape, const btVector3& centre) {
+  btRigidBody* add_fixed(btCollisionShape* shape, const btVector3& centre, int touches = kAllButFixed) {
     btRigidBody::btRigidBodyConstructionInfo info(0, nullptr, shape);
     info.m_startWorldTransform.setOrigin(centre);
     info.m_friction = 0.8f;
     info.m_restitution = 0;
     fixed_.push_back(std::make_unique<btRigidBody>(info));
-    world_.addRigidBody(fixed_.back().get());
+    world_.addRigidBody(fixed_.back().get(), kFixed, touches);
     return fixed_.back().get();
   }
+  void raise_drop_walls() {
+    for (btRigidBody* wall : chute_) {
+      if (!wall->isInWorld()) world_.addRigidBody(wall, kFixed, kFalling);
+    }
+  }
+  // From now on, what was dropped may lie outside the area: the walls hold only what falls while they stand again.
   void remove_drop_walls() {
     for (btRigidBody* wall : chute_) world_.removeRigidBody(wall);
-    chute_.clear();
+    for (const auto& loose : loose_) {
+      btBroadphaseProxy* proxy = loose->body->getBroadphaseProxy();
+      proxy->m_collisionFilterGroup &= ~kFalling;
+    }
   }
 
   void step_on(double seconds) {
@@ -293,7 +306,7 @@ class PileSimulation {
     body.setAngularVelocity(btVector3(0, 0, 0));
     body.clearForces();
     body.setDamping(0.2f, 0.5f);
-    world_.addRigidBody(&body);
+    world_.addRigidBody(&body, kLoose | kFalling, btBroadphaseProxy::AllFilter);
   }
 
   // Returns the bodies that do not come to rest within a time limit. Bodies creep and rock for long, so they are damped
@@ -403,7 +416,7 @@ class PileSimulation {
   btDiscreteDynamicsWorld world_;
   std::vector<std::unique_ptr<btCollisionShape>> shapes_;
   std::vector<std::unique_ptr<btRigidBody>> fixed_;
-  std::vector<btRigidBody*> chute_;  // subset of fixed_ that is removed once everything has been dropped
+  std::vector<btRigidBody*> chute_;  // subset of fixed_ that is in the world only while bodies are dropped
   std::vector<std::unique_ptr<RigidBody>> loose_;
   DropArea area_;
   Philox random_;

@@ -136,5 +136,18 @@ TEST(Settle, ABodyWithoutVolumeIsRefused) {
   EXPECT_THROW(settle({{{flat}}}, kArea, 1), Error);
 }
 
+// Heavy boxes penetrate light ones and are dropped again, between the same walls as at first.
+TEST(Settle, WhatIsDroppedAgainStaysWithinTheWalls) {
+  constexpr uint64_t kSeed = 33;  // without walls, one of the boxes that are dropped again falls out of the area
+  constexpr DropArea kWalled{0.3, 0.3, 0.05};
+  Boxes pile = boxes(8, kSeed);
+  for (size_t i = 0; i < pile.bodies.size(); ++i) pile.bodies[i].density_kg_m3 = i < 4 ? 1 : 20000;
+  const Settled settled = settle(pile.bodies, kWalled, kSeed);
+  EXPECT_GT(settled.redrop_count, 0);
+  EXPECT_LT(settled.penetration_m, 1e-3);
+  for (size_t i = 0; i < pile.bodies.size(); ++i)
+    EXPECT_LT(settled.ground_from_body[i].translation.head<2>().cwiseAbs().maxCoeff(), 0.15) << i;
+}
+
 }  // namespace
 }  // namespace fringeslam::sim
