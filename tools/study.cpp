@@ -81,7 +81,7 @@ std::vector<std::string> worker_command(const Study& study) {
           fs::absolute(study.file).string()};
 }
 
-int work(const Study& study, [[maybe_unused]] const StudyArguments& arguments) {
+int work(Study& study, [[maybe_unused]] const StudyArguments& arguments) {
 #if FRINGESLAM_REPORT
   if (arguments.pictures) {
     studies::work(study, [&](const Trial& trial) {
@@ -94,6 +94,7 @@ int work(const Study& study, [[maybe_unused]] const StudyArguments& arguments) {
     return 0;
   }
 #endif
+  hash_files(study);
   studies::work(study, [&](const Trial& trial) { return to_line(study, trial, run_trial(study, trial)); });
   return 0;
 }
@@ -130,8 +131,9 @@ void tell(const Study& study, const std::map<int, std::string>& lines, const Stu
 }
 
 int run(const StudyArguments& arguments, const Common& common) {
-  const Study study = read_study(arguments.study);
+  Study study = read_study(arguments.study);
   check_study(study);
+  hash_files(study);
   const Shard shard = shard_of(arguments.shard);
   const fs::path folder = arguments.out;
   check_results_folder(study, folder);
@@ -198,10 +200,11 @@ int report(const Study& study, const StudyArguments& arguments, const Common& co
 }
 
 int replay(const StudyArguments& arguments, const Common& common) {
-  const Study study = read_study(arguments.study);
+  Study study = read_study(arguments.study);
   if (arguments.trial >= study.trials)
     throw Error("--trial " + std::to_string(arguments.trial) + ": the study has trials 0 to " +
                 std::to_string(study.trials - 1));
+  hash_files(study);
   const Trial trial = trial_of(study, arguments.trial);
   const std::string line = to_line(study, trial, run_trial(study, trial));
   if (common.json)
@@ -278,7 +281,7 @@ Verb add_study(Command app, const Common& common) {
     if (replay_verb.parsed()) return replay(*a, common);
     if (run_verb.parsed()) return run(*a, common);
     if (submit_verb.parsed()) return submit(*a, common);
-    const Study study = read_study(a->study);
+    Study study = read_study(a->study);
     if (check_verb.parsed()) return check(study, common);
     if (merge_verb.parsed()) {
       (void)merge(study, a->out, common);

@@ -114,7 +114,7 @@ ShardFile::ShardFile(fs::path folder, const Study& study, Shard shard)
     const auto json = nlohmann::json::parse(line);
     if (json.contains("files") && json["files"] != study.files_hash)
       throw Error((folder_ / "shards").string() + ": trial " + std::to_string(trial) +
-                  " was run before a file that the scene names changed; use another --out");
+                  " was run before a file that the scene uses changed; use another --out");
   }
   char host[256] = "";
   gethostname(host, sizeof host - 1);

@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cstdio>
+#include <set>
 
 #include "bench/studies/trial_settings.h"
 #include "core/base/fnv.h"
@@ -57,8 +58,27 @@ Study read_study(const fs::path& file) {
     throw map.error("trials", "a saltelli design has rows of " + std::to_string(row_length(study)) +
                                   " trials; make their number a multiple of that");
   study.hash = fnv1a(read_bytes(file) + '\0' + read_bytes(study.scene));
-  study.files_hash = sim::contents_hash(sim::named_files(study.scene));
   return study;
+}
+
+void hash_files(Study& study) {
+  std::vector<fs::path> files = sim::named_files(study.scene), read;
+  try {
+    (void)scene_of(study, trial_of(study, 0), &read);
+  } catch (const Error&) {
+    // check_study() reports it.
+  }
+  study.files_hash = sim::contents_hash(files);
+  // Their order must not depend on the folders of a machine.
+  std::set<std::string> others;
+  for (const fs::path& file : read) {
+    if (std::find(files.begin(), files.end(), file) == files.end())
+      others.insert(file.filename().string() + " " + sim::contents_hash({file}) + "\n");
+  }
+  if (others.empty()) return;
+  std::string all = study.files_hash + "\n";
+  for (const std::string& other : others) all += other;
+  study.files_hash = sim::content_hash(all);
 }
 
 void check_study(const Study& study) {

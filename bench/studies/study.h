@@ -28,7 +28,7 @@ struct Study : Sampling {
   int views = 0;  // most views of a trial; 0: to the end of the scene
   SuccessRule success;
   uint64_t hash = 0;       // of the study's file and of the scene's file
-  std::string files_hash;  // of the files that the scene file names, as far as they exist
+  std::string files_hash;  // set by hash_files()
 };
 
 // Columns of the results beside parameters and metrics.
@@ -36,6 +36,10 @@ inline constexpr std::array kOwnColumns = {"trial", "seed", "outcome", "cause", 
 
 // Reads a study. Throws Error with file:line.
 Study read_study(const std::filesystem::path& file);
+// Sets the hash of the files on which the scene depends, which results repeat: those that its files name, and those that the
+// scene of the first trial reads, such as the textures of a mesh. Loads that scene; if this fails, the files that are known
+// count.
+void hash_files(Study& study);
 // Checks the names and the first trial's values against the scene and the settings. Reads the scene. Throws Error.
 void check_study(const Study& study);
 

@@ -21,8 +21,9 @@ TrialSettings settings_of(const Sampling& sampling, const Trial& trial) {
   return settings;
 }
 
-sim::Scene scene_of(const Study& study, const Trial& trial) {
+sim::Scene scene_of(const Study& study, const Trial& trial, std::vector<std::filesystem::path>* files) {
   sim::SceneLoadOptions reading{trial.world_seed};
+  reading.files = files;
   reading.changes = changes_of(study, trial, false);
   return sim::load_scene(study.scene, reading);
 }

@@ -2,7 +2,9 @@
 // Settings of a trial: the options of pipeline and rendering, and the scene.
 #pragma once
 
+#include <filesystem>
 #include <string>
+#include <vector>
 
 #include "bench/studies/study.h"
 #include "core/mapper/pipeline.h"
@@ -27,6 +29,7 @@ bool is_setting(const std::string& name);
 
 // These throw Error for invalid values.
 TrialSettings settings_of(const Sampling& sampling, const Trial& trial);
-sim::Scene scene_of(const Study& study, const Trial& trial);
+// `files` receives the files on which the scene depends, if set, as far as they are known, also if loading fails.
+sim::Scene scene_of(const Study& study, const Trial& trial, std::vector<std::filesystem::path>* files = nullptr);
 
 }  // namespace fringeslam::studies

@@ -87,7 +87,13 @@ TEST_F(Results, OfAnotherStudyAreRefused) {
 }
 
 TEST_F(Results, BelongToTheFilesThatTheSceneNames) {
-  const auto hash = [&] { return read_study(study_.file).files_hash; };
+  const auto current = [&] {
+    Study study = read_study(study_.file);
+    hash_files(study);
+    return study;
+  };
+  const auto hash = [&] { return current().files_hash; };
+  hash_files(study_);
   EXPECT_EQ(hash(), study_.files_hash);
   std::set<std::string> hashes = {study_.files_hash};
   const auto expect_another = [&] { EXPECT_TRUE(hashes.insert(hash()).second); };
@@ -97,11 +103,11 @@ TEST_F(Results, BelongToTheFilesThatTheSceneNames) {
   expect_another();
   // They are not continued, but reported.
   ShardFile(folder_, study_, {0, 1}).add(0, line(0));
-  const Study changed = read_study(study_.file);
+  const Study changed = current();
   EXPECT_THAT(error_of([&] {
                 ShardFile(folder_, changed, {0, 1});
               }),
-              HasSubstr("trial 0 was run before a file that the scene names changed"));
+              HasSubstr("trial 0 was run before a file that the scene uses changed"));
   EXPECT_EQ(merged_lines(folder_, changed).size(), 1U);
   const std::string scene = test::read_bytes(study_.scene);
   test::write_bytes(study_.scene, "include: part.yaml\n" + scene);
@@ -114,6 +120,18 @@ TEST_F(Results, BelongToTheFilesThatTheSceneNames) {
   expect_another();
   test::write_bytes(temp_ / "part.yaml", "objects:\n" + object + object);
   expect_another();
+  // Files that a mesh refers to, here the color of its surface.
+  const auto write_color = [&](const std::string& color) {
+    test::write_bytes(temp_ / "colors.mtl", "newmtl paint\nKd " + color + "\n");
+  };
+  write_color("0.2 0.2 0.2");
+  test::write_bytes(temp_ / "mesh.obj", "mtllib colors.mtl\nv 0 0 0\nv 2 0 0\nv 0 1 0\nusemtl paint\nf 1 2 3\n");
+  expect_another();
+  const std::string dark = hash();
+  write_color("0.8 0.8 0.8");
+  expect_another();
+  write_color("0.2 0.2 0.2");
+  EXPECT_EQ(hash(), dark);
 }
 
 TEST_F(Results, DamagedOnesAreRefused) {
