@@ -36,9 +36,16 @@ Verb add_effects(Command app, const Common& common) {
     std::vector<std::filesystem::path> files;
     sim::SceneLoadOptions reading;
     reading.files = &files;
-    const sim::Scene scene = sim::load_scene(scene_file(arguments->scene), reading);
+    const std::filesystem::path file = scene_file(arguments->scene);
+    const sim::Scene scene = sim::load_scene(file, reading);
     require_not_an_input(arguments->out, files);
-    write_png(arguments->out, effects_picture(scene, settings.render));
+    cv::Mat3b picture;
+    try {
+      picture = effects_picture(scene, settings.render);
+    } catch (const Error& e) {
+      throw Error(file.string() + ": " + e.what());
+    }
+    write_png(arguments->out, picture);
     print_result(common, {{"written", arguments->out}}, "written: " + arguments->out);
     return 0;
   };

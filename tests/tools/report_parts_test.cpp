@@ -243,5 +243,15 @@ TEST(EffectsPicture, ShowsEachEffectAlone) {
   EXPECT_GT(cv::norm(panel(effects.names.size() + 1), none, cv::NORM_L1), 0);
 }
 
+TEST(EffectsPicture, OfAPathThatIsTooShortIsRefused) {
+  const test::TempFolder temp;
+  test::write_small_scene(temp.path());
+  sim::SceneLoadOptions reading;
+  reading.changes = {{"trajectory", "{poses: [{}, {translation_m: [0.001, 0, 0]}], continuous: {speed_m_s: 1}}"}};
+  const sim::Scene scene = sim::load_scene(temp / "scene.yaml", reading);
+  EXPECT_THAT(support::error_of([&] { effects_picture(scene, {}); }),
+              HasSubstr("the path is shorter than one stack of 9 images"));
+}
+
 }  // namespace
 }  // namespace fringeslam::tools

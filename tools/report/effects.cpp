@@ -31,8 +31,12 @@ size_t finest(const PatternSequence& sequence) {
 }
 
 cv::Mat3b shot(const sim::Scene& scene, const sim::RenderOptions& options) {
-  const FringeStack stack = *sim::VirtualRig(scene, options).capture(scene.patterns);
-  return grey_picture(stack.images[finest(scene.patterns)], scene.rig.sensor.max_dn());
+  const std::optional<FringeStack> stack = sim::VirtualRig(scene, options).capture(scene.patterns);
+  if (!stack)
+    throw Error("trajectory.continuous: the path is shorter than one stack of " +
+                std::to_string(scene.patterns.patterns.size()) +
+                " images; use a longer route, a lower speed_m_s or fewer patterns");
+  return grey_picture(stack->images[finest(scene.patterns)], scene.rig.sensor.max_dn());
 }
 
 }  // namespace
