@@ -105,6 +105,7 @@ class SceneSource : public Source {
  private:
   sim::Scene loaded(const fs::path& file, sim::SceneLoadOptions reading) {
     reading.files = &files_;
+    reading.resolved_for = "/";  // it is written to another folder, and copied from a dataset to its runs
     return sim::load_scene(file, reading);
   }
 

@@ -20,7 +20,7 @@ namespace fringeslam::tools {
 constexpr const char* kStageFile = "stage.tum";
 
 using sim::kSceneFile;
-// The scene from which a run or dataset was rendered, beside its rig.yaml.
+// The scene from which a run or dataset was rendered, with absolute paths.
 constexpr const char* kResolvedFile = "resolved_scene.yaml";
 using sim::scene_file;
 

@@ -689,7 +689,8 @@ std::string YamlMap::dump(const std::vector<std::string>& keys, const std::files
   asked.folder = folder;
   for (; asked.relative < asked.all.size(); ++asked.relative) {
     AskedPath& path = asked.all[asked.relative];
-    path.text = whole(path.file).lexically_relative(whole(folder / "")).string();
+    const std::filesystem::path file = whole(path.file), base = whole(folder / "");
+    path.text = (base == base.root_path() ? file : file.lexically_relative(base)).string();
   }
   // Emitted directly: a new node would take ownership of all nodes of the file.
   YAML::Emitter out;

@@ -134,7 +134,7 @@ class YamlMap {
   // From now on, appends the numbers and drawn values that are read from this map or below to `values`.
   void record_values(std::shared_ptr<std::vector<YamlValue>> values);
   // Writes these keys as YAML with drawn values in place of distributions; values read as paths are written relative to
-  // `folder`.
+  // `folder`, or as absolute paths if it is the root folder.
   std::string dump(const std::vector<std::string>& keys, const std::filesystem::path& folder) const;
 
  private:

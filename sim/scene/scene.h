@@ -115,8 +115,9 @@ struct SceneValue : YamlValue {
 struct SceneLoadOptions {
   std::optional<uint64_t> seed = {};           // overrides the file's seed
   std::vector<std::string>* errors = nullptr;  // if set, collects all errors; the scene is invalid if there are any
-  std::filesystem::path resolved_for = {};     // folder that paths in Scene::resolved are relative to; empty: the
-                                               // scene file's folder
+  // Folder that paths in Scene::resolved are relative to; empty: the scene file's folder; the root folder: they are absolute,
+  // so that the text has the same meaning in any folder.
+  std::filesystem::path resolved_for = {};
   SceneLimits limits = {};
   // Overrides of the file's values: a key path such as light.ambient_lux or objects.2.count, and a YAML value. They
   // precede those in the scene's section `placed`.

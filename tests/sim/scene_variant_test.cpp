@@ -305,6 +305,29 @@ TEST_F(SceneVariant, WrongPlacesAreReportedWhereTheyAreGiven) {
               AllOf(StartsWith((temp_ / "scene.yaml").string() + ": "), HasSubstr("'ambient_lux' must be a number")));
 }
 
+// The same text in any folder; a relative path would mean another file there.
+TEST_F(SceneVariant, WhatIsResolvedForTheRootFolderHasAbsolutePaths) {
+  write_text(temp_ / "mesh.obj", "v 0 0 0\nv 0.3 0 0\nv 0 0.2 0\nf 1 2 3\n");
+  write_text(temp_ / "trajectory.tum", "0 0.1 0 0 0 0 0 1\n0.5 0.2 0 0 0 0 0 1\n");
+  write_text(temp_ / "more.yaml", "objects: [{shape: mesh, file: mesh.obj, unit_m: 1, up: z}]\n");
+  const std::filesystem::path path = file("", "include: more.yaml\n");
+  SceneLoadOptions reading;
+  reading.changes = {{"trajectory", "{file: trajectory.tum}"}};
+  const Scene near_by = load_scene(path, reading);
+  EXPECT_THAT(near_by.resolved, testing::Not(HasSubstr(temp_.path().string())));
+  reading.resolved_for = "/";
+  const Scene scene = load_scene(path, reading);
+  for (const char* name : {"mesh.obj", "trajectory.tum"})
+    EXPECT_THAT(scene.resolved, HasSubstr(": " + (temp_ / name).string() + "\n"));
+  std::filesystem::create_directories(temp_ / "far/away");
+  write_text(temp_ / "far/away/trajectory.tum", "0 9 0 0 0 0 0 1\n");
+  write_text(temp_ / "far/away/scene.yaml", scene.resolved);
+  const Scene again = load_scene(temp_ / "far/away/scene.yaml");
+  ASSERT_EQ(again.trajectory.size(), 2u);
+  EXPECT_EQ(again.trajectory[1].world_from_robot.translation.x(), 0.2);
+  EXPECT_EQ(again.objects.back().mesh->vertices, scene.objects.back().mesh->vertices);
+}
+
 TEST_F(SceneVariant, ARigInsteadOfTheScenesIsResolvedAndListed) {
   RigModel other = load_scene(file()).rig;
   other.camera.fx = 777;

@@ -261,5 +261,30 @@ TEST_F(Score, WhatCannotBeScored) {
   expect_refused({tum, "--truth", tum, "--delta", "5"}, "no two of 2 associated poses are 5 frames apart");
 }
 
+// A run has a trajectory.tum and a mesh.ply of its own, which must not be taken for those of its scene.
+TEST_F(Score, AFolderTellsTheTruthOfItsSceneByAnyNames) {
+  make_world();
+  PlyMap pyramid;
+  pyramid.vertices = {{-0.1, -0.1, 0}, {0.1, -0.1, 0}, {0, 0.1, 0}, {0, 0, 0.1}};
+  pyramid.triangles = {{0, 1, 3}, {1, 2, 3}, {2, 0, 3}};
+  file("scene/mesh.ply", ascii_ply(pyramid));
+  file("scene/trajectory.tum", "0 0.03 -0.02 0 0 0 0 1\n0.5 0.05 0 0 0 0 0 1\n");
+  const std::string text = test::replaced(test::kSmallScene, "objects:\n",
+                                          "objects:\n  - {shape: mesh, file: mesh.ply, unit_m: 1, up: z}\n");
+  file("scene/scene.yaml", text.substr(0, text.find("trajectory:")) + "trajectory: {file: trajectory.tum}\n");
+  run_successfully({"scene", "export", at("scene"), "--out", at("world.ply"), "--quiet"});
+  const std::vector<std::string> fast = {"--set", "render.samples_per_pixel=1", "--quiet"};
+  run_successfully({"render", at("scene"), "--out", at("data"), fast[0], fast[1], fast[2]});
+  run_successfully({"run", at("data"), "--out", at("deep/er/run"), "--no-report", "--quiet"});
+  const json of_scene = score({at("world.ply"), "--truth", at("scene")});
+  expect_perfect(of_scene);
+  for (const char* folder : {"data", "deep/er/run"})
+    EXPECT_EQ(score({at("world.ply"), "--truth", at(folder)}), of_scene) << folder;
+  EXPECT_LT(score({at("deep/er/run/mesh.ply"), "--truth", at("deep/er/run")}).at("f_score"), 1);
+  // Elsewhere, it needs the scene's files.
+  test::fs::rename(temp_ / "scene/mesh.ply", temp_ / "scene/other.ply");
+  expect_refused({at("world.ply"), "--truth", at("deep/er/run")}, at("scene/mesh.ply") + " does not exist");
+}
+
 }  // namespace
 }  // namespace fringeslam
