@@ -15,7 +15,9 @@ enum TruthMask : int {
   kTruthSurface = 1,   // the pixel's central ray meets a surface
   kTruthInBeam = 2,    // the point lies in the projector's field
   kTruthInShadow = 4,  // another surface occludes the point from the projector
-  kTruthMixed = 8,     // the pixel footprint contains an edge: samples differ in object, lighting, or by 30 degrees
+  // The pixel footprint contains an edge: samples differ in object or lighting, by 30 degrees, or by more than three
+  // footprints in their distance from the tangent plane.
+  kTruthMixed = 8,
   kTruthVictim = 16,   // the surface belongs to a victim
   kTruthThermal = 32,  // the thermal camera sees the point
 };

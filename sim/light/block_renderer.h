@@ -270,15 +270,21 @@ class BlockRenderer {
     }
   }
 
-  // Returns the pixels whose sample and centre ray differ in object, normal (by 30 degrees), shadow or beam.
+  // Returns the pixels whose sample and centre ray differ in object, normal (by 30 degrees), shadow or beam, or whose sample
+  // lies off the centre's tangent plane: an edge between parallel faces of an object. The distance from that plane, unlike the
+  // difference in depth, does not grow on a flat surface at grazing incidence.
   LaneMask differing(const HitPacket& hits, LaneMask shadow, LaneMask in_beam) const {
-    constexpr double kCosine30 = 0.866;
+    constexpr double kCosine30 = 0.866, kOffPlane = 3;  // the latter in pixel footprints
     const HitPacket& centre = centre_.hits;
     const LaneMask border = (hits.hit ^ centre.hit) | (shadow ^ centre_.shadow) | (in_beam ^ centre_.in_beam);
     const LaneMask other = lanes_where([&](int i) {
       const double cosine = hits.normal.x[i] * centre.normal.x[i] + hits.normal.y[i] * centre.normal.y[i] +
                             hits.normal.z[i] * centre.normal.z[i];
-      return static_cast<int>(hits.object[i] != centre.object[i]) | static_cast<int>(cosine < kCosine30);
+      const double off_m = (hits.point.x[i] - centre.point.x[i]) * centre.normal.x[i] +
+                           (hits.point.y[i] - centre.point.y[i]) * centre.normal.y[i] +
+                           (hits.point.z[i] - centre.point.z[i]) * centre.normal.z[i];
+      return static_cast<int>(hits.object[i] != centre.object[i]) | static_cast<int>(cosine < kCosine30) |
+             static_cast<int>(std::abs(off_m) > kOffPlane * footprint_ * centre.distance[i]);
     });
     return (border | (other & hits.hit & centre.hit)) & inside_;
   }

@@ -8,6 +8,8 @@
 #include <cmath>
 #include <filesystem>
 #include <opencv2/core.hpp>
+#include <tuple>
+#include <utility>
 
 #include "core/decode/decode.h"
 #include "core/depth/depth.h"
@@ -237,6 +239,60 @@ TEST(RenderOptions, WantASquareNumberOfSamples) {
   for (const int samples : {1, 4, 9, 16, 256}) EXPECT_NO_THROW((RenderOptions{samples, true, true}.check()));
   for (const int samples : {-4, 0, 2, 3, 8, 257, 289})
     EXPECT_THROW((RenderOptions{samples, true, true}.check()), Error) << samples;
+}
+
+cv::Mat1b mixed_pixels(Mesh mesh, const Pose& pose) {
+  const Scene scene = world_of({grey_object(std::move(mesh), pose)}, coaxial_rig());
+  const TruthFrame truth = VirtualRig(scene, {16, false, false, Effects::none()}).truth_of(0);
+  cv::Mat1b mixed(truth.mask.size());
+  std::transform(truth.mask.begin(), truth.mask.end(), mixed.begin(), [](float mask) {
+    const int bits = static_cast<int>(mask);
+    return static_cast<uchar>((bits & kTruthMixed) ? 1 : 0);
+  });
+  return mixed;
+}
+
+// An edge between parallel faces of one object, 30 mm apart in depth: six footprints of a pixel.
+TEST(TruthMask, AStepOfOneObjectIsMixed) {
+  Mesh step;
+  constexpr double kEdge = 7e-4;  // at column 32.14
+  for (const auto& [left, right, z] : {std::tuple(-0.5, kEdge, 1.0), std::tuple(kEdge, 0.5, 1.03)}) {
+    const int first = static_cast<int>(step.vertices.size());
+    for (const double y : {-0.5, 0.5}) step.vertices.insert(step.vertices.end(), {{left, y, z}, {right, y, z}});
+    step.triangles.insert(step.triangles.end(), {{first, first + 2, first + 1}, {first + 1, first + 2, first + 3}});
+  }
+  const cv::Mat1b mixed = mixed_pixels(std::move(step), {});
+  for (int row = 0; row < mixed.rows; ++row) {
+    for (int col = 0; col < mixed.cols; ++col) ASSERT_EQ(mixed(row, col), col == 32) << row << " " << col;
+  }
+}
+
+// The surface of a pixel may reach far in depth without an edge.
+TEST(TruthMask, AFloorAtGrazingIncidenceIsNotMixed) {
+  Pose below;
+  below.rotation = rotation_exp({kPi / 2, 0, 0});  // its upper side faces the camera's axis
+  below.translation = {0, 0.05, 2.6};
+  const cv::Mat1b mixed = mixed_pixels(plane_mesh(5, 5), below);
+  // The floor ends at row 26 and column 32 +- 2.5 / 0.05 (row - 24).
+  for (int row = 28; row < mixed.rows; ++row) {
+    for (int col = 0; col < mixed.cols; ++col) ASSERT_EQ(mixed(row, col), 0) << row << " " << col;
+  }
+}
+
+TEST(TruthMask, ASphereIsMixedAtItsOutlineOnly) {
+  Pose ahead;
+  ahead.translation.z() = 1;
+  const cv::Mat1b mixed = mixed_pixels(sphere_mesh(0.1, 6), ahead);
+  const double outline_px = 200 * std::tan(std::asin(0.1));
+  int inside = 0;
+  for (int row = 0; row < mixed.rows; ++row) {
+    for (int col = 0; col < mixed.cols; ++col) {
+      if (std::hypot(col - 32, row - 24) > outline_px - 1) continue;
+      ASSERT_EQ(mixed(row, col), 0) << row << " " << col;
+      ++inside;
+    }
+  }
+  EXPECT_GT(inside, 1000);
 }
 
 }  // namespace
