@@ -9,7 +9,6 @@
 #include <cerrno>
 #include <cstring>
 #include <fstream>
-#include <limits>
 #include <new>
 #include <vector>
 
@@ -107,7 +106,7 @@ std::string read_input(const std::filesystem::path& file, uint64_t most_bytes) {
 }
 
 uint64_t hash_input(const std::filesystem::path& file) {
-  const InputFile input(file, std::numeric_limits<uint64_t>::max());
+  const InputFile input(file, kMostDataBytes);
   std::vector<char> block(std::min<uint64_t>(input.size(), kMebibyte));
   uint64_t hash = fnv1a("");
   // A file that grows meanwhile ends where it did when it was opened.

@@ -47,7 +47,7 @@ class InputFile {
 // Returns the content of a regular file; see InputFile.
 std::string read_input(const std::filesystem::path& file, uint64_t most_bytes = kMostTextBytes);
 
-// Returns the FNV-1a hash of the content of a regular file of any size; see InputFile.
+// Returns the FNV-1a hash of the content of a regular file of up to kMostDataBytes, which is read in blocks; see InputFile.
 uint64_t hash_input(const std::filesystem::path& file);
 
 // Copies a regular file to a place where nothing exists. Throws Error like InputFile, or if the copy cannot be written.
