@@ -7,6 +7,7 @@
 #include "core/io/tum_file.h"
 #include "core/io/yaml.h"
 #include "core/rig/dataset.h"
+#include "core/rig/rig_file.h"
 #include "core/score/trajectory_file.h"
 #include "sim/virtual_rig.h"
 #include "tools/bag/bag_dataset.h"
@@ -26,15 +27,29 @@ bool path_exists(const fs::path& path) {
   return fs::exists(path, ignored);
 }
 
-// Loads the scene with the images' own rig, whose camera may lack the scene's distortion.
+// Number of stacks of a dataset or run, whose scene may have more views; empty for a scene.
+std::optional<int> stacks_of(const fs::path& folder) {
+  if (path_exists(folder / kSceneFile)) return std::nullopt;
+  if (path_exists(folder / kDatasetFile)) return read_dataset_info(folder).stacks;
+  const fs::path config = folder / "config.yaml";
+  if (path_exists(config)) return YamlMap::load(config).integer("stacks", {1, 1e6});
+  return std::nullopt;
+}
+
+// Loads the scene from which a folder was rendered. The folder's rig.yaml is the calibration given to the pipeline, which
+// may be wrong. It tells only whether texture and depth images lack the scene's lens distortion, which fringe images never
+// do.
 sim::Scene scene_of_images(const fs::path& folder) {
-  sim::SceneLoadOptions reading;
-  if (path_exists(folder / "rig.yaml")) reading.rig_file = folder / "rig.yaml";
+  sim::Scene scene;
   try {
-    return sim::load_scene(folder / kResolvedFile, reading);
+    scene = sim::load_scene(folder / kResolvedFile);
   } catch (const Error& error) {
     throw Error(std::string(error.what()) + "; give the scene itself as --truth");
   }
+  const fs::path rig = folder / "rig.yaml";
+  if (!stacks_of(folder) && path_exists(rig) && read_rig(rig).camera.distortion.is_zero())
+    scene.rig.camera.distortion = {};
+  return scene;
 }
 
 sim::Scene read_scene(const fs::path& path, std::optional<uint64_t> seed) {
@@ -46,15 +61,6 @@ sim::Scene read_scene(const fs::path& path, std::optional<uint64_t> seed) {
                 ", so its true surface is unknown");
   if (seed) throw Error(path.string() + ": --seed has no effect on a rendered folder; leave it out");
   return scene_of_images(path);
-}
-
-// Number of stacks of a dataset or run, whose scene may have more views; empty for a scene.
-std::optional<int> stacks_of(const fs::path& folder) {
-  if (path_exists(folder / kSceneFile)) return std::nullopt;
-  if (path_exists(folder / kDatasetFile)) return read_dataset_info(folder).stacks;
-  const fs::path config = folder / "config.yaml";
-  if (path_exists(config)) return YamlMap::load(config).integer("stacks", {1, 1e6});
-  return std::nullopt;
 }
 
 // The true trajectory of the camera in a folder in the layout of TUM RGB-D or EuRoC.

@@ -286,5 +286,36 @@ TEST_F(Score, AFolderTellsTheTruthOfItsSceneByAnyNames) {
   expect_refused({at("world.ply"), "--truth", at("deep/er/run")}, at("scene/mesh.ply") + " does not exist");
 }
 
+// The pipeline's calibration may be wrong; the images are those of the scene's rig.
+TEST_F(Score, TheTrueSurfaceIsThatOfTheRigThatTookTheImages) {
+  make_world();
+  const std::string text = test::read_bytes(temp_ / "scene/scene.yaml");
+  const std::vector<std::string> fast = {"--set", "render.samples_per_pixel=1", "--quiet"};
+  const json right = score({at("world.ply"), "--truth", at("scene")});
+  file("scene/scene.yaml", text + "calibration_error: {focal_percent: 10}\n");
+  run_successfully({"render", at("scene"), "--out", at("data"), fast[0], fast[1], fast[2]});
+  EXPECT_EQ(score({at("world.ply"), "--truth", at("data")}), right);
+  // Texture and depth images have no lens distortion, even if the scene overrides that of its rig file. The share of the seen
+  // surface that lies on a part of the floor tells the lens.
+  PlyMap part;
+  part.vertices = {{-0.12, -0.12, 0}, {0.12, -0.12, 0}, {0.12, 0.12, 0}, {-0.12, 0.12, 0}};
+  part.triangles = {{0, 1, 2}, {0, 2, 3}};
+  file("part.ply", ascii_ply(part));
+  const auto seen_share = [&](const std::string& folder) {
+    return score({at("part.ply"), "--truth", at(folder)}).at("recall").get<double>();
+  };
+  const auto with_distortion = [&](const std::string& k1) {
+    const std::string rig = "  file: rig.yaml\n";
+    file("scene/scene.yaml", test::replaced(text, rig, rig + "  camera: {distortion: [" + k1 + ", 0, 0, 0, 0]}\n"));
+    return seen_share("scene");
+  };
+  const double straight = with_distortion("0"), bent = with_distortion("-5");
+  EXPECT_GT(std::abs(bent - straight), 0.05);
+  run_successfully({"render", at("scene"), "--out", at("rgbd"), "--format", "tum-rgbd", fast[0], fast[1], fast[2]});
+  EXPECT_NEAR(seen_share("rgbd"), straight, 0.002);
+  run_successfully({"render", at("scene"), "--out", at("bent"), fast[0], fast[1], fast[2]});
+  EXPECT_EQ(seen_share("bent"), bent);
+}
+
 }  // namespace
 }  // namespace fringeslam
