@@ -17,6 +17,7 @@
 #include "tests/live/synthetic_run.h"
 #include "tests/support/matchers.h"
 #include "tests/support/temp_folder.h"
+#include "tools/live/page_server.h"
 
 namespace fringeslam {
 namespace {
@@ -384,6 +385,67 @@ TEST(LivePage, APortIsFreeAgainAtOnce) {
     EXPECT_FALSE(snapshot_of(page).contains("newest"));
   }
   EXPECT_FALSE(snapshot_of(LivePage(capture_setup(), {"127.0.0.1", port, ""})).contains("newest"));
+}
+
+// A server that answers POST with the size of the body, and the start of a request to it.
+class PostedBodies : public testing::Test {
+ protected:
+  static constexpr size_t kMost = 40000;  // more than fits into a header
+
+  // Sends a header without the body, which the server must not wait for, and returns the status line.
+  static std::string refusal_of(const tools::PageServer& server, const std::string& path, const std::string& headers) {
+    const std::string request = "POST " + path + " HTTP/1.1\r\nHost: 127.0.0.1\r\n" + headers + "\r\n";
+    const std::string answer = NonReadingClient(server.access().port, request).rest();
+    return answer.substr(0, answer.find('\r'));
+  }
+  httplib::Result post(const std::string& path, const std::string& body) const {
+    return httplib::Client("127.0.0.1", server_.access().port).Post(path, body, "model/stl");
+  }
+  static tools::PageServer server_with(const std::string& token) {
+    return tools::PageServer({"127.0.0.1", 0, token}, "--live", answer, {.posts = true, .most_body_bytes = kMost});
+  }
+
+  tools::PageServer server_ = server_with("");
+
+ private:
+  static tools::PageAnswer answer(const tools::PageRequest& request) {
+    return tools::PageAnswer::of(std::to_string(request.body.size()), "text/plain");
+  }
+};
+
+TEST_F(PostedBodies, OfAStatedSizeAreRead) {
+  for (const size_t bytes : {size_t{0}, size_t{1}, kMost}) {
+    const auto answer = post("/mesh", std::string(bytes, 'x'));
+    ASSERT_TRUE(answer);
+    EXPECT_EQ(answer->status, 200);
+    EXPECT_EQ(answer->body, std::to_string(bytes));
+  }
+}
+
+TEST_F(PostedBodies, OfAnUnknownSizeAreRefusedUnread) {
+  for (const char* coding : {"gzip", "br", "deflate", "identity"})
+    EXPECT_THAT(refusal_of(server_, "/mesh", std::string("Content-Length: 9\r\ncontent-encoding: ") + coding + "\r\n"),
+                StartsWith("HTTP/1.1 415"))
+        << coding;
+  for (const char* type : {"multipart/form-data; boundary=x", "multipart/form-data;boundary=\"x\""})
+    EXPECT_THAT(refusal_of(server_, "/mesh", std::string("Content-Length: 9\r\nContent-Type: ") + type + "\r\n"),
+                StartsWith("HTTP/1.1 415"))
+        << type;
+  for (const char* headers : {"", "Content-Length:\r\n", "Content-Length: x\r\n", "Content-Length: -1\r\n",
+                              "Content-Length: 1e3\r\n", "Transfer-Encoding: chunked\r\n",
+                              "Content-Length: 9\r\ntransfer-encoding: chunked\r\n", "Transfer-Encoding: gzip\r\n"})
+    EXPECT_THAT(refusal_of(server_, "/mesh", headers), StartsWith("HTTP/1.1 411")) << headers;
+  for (const std::string& bytes : {std::to_string(kMost + 1), std::string("18446744073709551615")})
+    EXPECT_THAT(refusal_of(server_, "/mesh", "Content-Length: " + bytes + "\r\n"), StartsWith("HTTP/1.1 413")) << bytes;
+  EXPECT_EQ(post("/mesh", "still served")->body, "12");
+}
+
+TEST_F(PostedBodies, RequireTheTokenOnEveryPath) {
+  const tools::PageServer server = server_with(kToken);
+  for (const char* path : {"/", "/mesh"})
+    EXPECT_THAT(refusal_of(server, path, "Content-Length: 9\r\n"), StartsWith("HTTP/1.1 401")) << path;
+  EXPECT_THAT(refusal_of(server, "/", std::string("Content-Length: 0\r\nAuthorization: Bearer ") + kToken + "\r\n"),
+              StartsWith("HTTP/1.1 200"));
 }
 
 }  // namespace

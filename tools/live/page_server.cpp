@@ -242,15 +242,20 @@ class PageServer::Server : public httplib::Server {
     if (!request.ranges.empty()) return refuse(416, "Ranges are not supported.\n");
     const Caller caller{request.get_header_value("Host"), request.get_header_value("Origin"),
                         request.get_header_value("Authorization")};
-    const bool secret = request.path != "/";
+    const bool posts = request.method == "POST", secret = posts || request.path != "/";
     const int status = admission(access_, caller, secret);
     if (status == 401) response.set_header("WWW-Authenticate", "Bearer");
     if (status == 403) return refuse(403, "Only for this computer; use 127.0.0.1 or localhost.\n");
     if (status != 200) return refuse(status, "Requires the token that was printed with the page's address.\n");
-    if (request.method == "POST" && viewer) {
-      const auto bytes = number_in<size_t>(request.get_header_value("Content-Length"));
-      if (bytes && *bytes <= rules_.most_body_bytes) viewer->expect_body(*bytes);
-    }
+    if (!posts) return true;
+    // httplib limits neither chunks, nor what it decompresses, nor the memory for the parts of a form.
+    if (request.has_header("Content-Encoding") || request.is_multipart_form_data())
+      return refuse(415, "Compressed bodies and forms are not supported.\n");
+    const auto bytes = number_in<size_t>(request.get_header_value("Content-Length"));
+    if (request.has_header("Transfer-Encoding") || !bytes)
+      return refuse(411, "Requires a Content-Length, without a Transfer-Encoding.\n");
+    if (*bytes > rules_.most_body_bytes) return refuse(413, "The body is too long.\n");
+    if (viewer) viewer->expect_body(*bytes);
     return true;
   }
 

@@ -1,8 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 // Serves one web page and its data. Only GET, HEAD and, if the page takes orders, POST are answered, with a body only if the
-// page takes files.
+// page takes files. A POST must state the size of its body, which must not be compressed, chunked or a form.
 // Requests are limited in size and time, and requests beyond a maximum number of concurrent ones are asked to retry
-// (503). Everything but the page itself, which is at /, requires the token, if there is one (access.h).
+// (503). Everything but the page itself, which is read at /, requires the token, if there is one (access.h).
 #pragma once
 
 #include <atomic>
