@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 // fringeslam run SCENE|DATASET
 #include <algorithm>
+#include <atomic>
 #include <cctype>
 #include <chrono>
 #include <cstdio>
@@ -191,6 +192,12 @@ std::string kept_text(int views, int all, const std::vector<std::string>& left_o
          without_text(left_out);
 }
 
+// Sets a flag when it is destroyed, by an exception, too.
+struct SetAtEnd {
+  std::atomic<bool>& flag;
+  ~SetAtEnd() { flag = true; }
+};
+
 // Returns a name beside `folder` under which nothing exists.
 fs::path name_for_incomplete(const fs::path& folder) {
   std::error_code unknown;
@@ -277,8 +284,11 @@ int run(const RunArguments& arguments, const Common& common) {
                                                                          .sequence = source->sequence(),
                                                                          .stacks = planned,
                                                                          .maps = true});
+  std::atomic<bool> mapping_ended = false;
   std::optional<BackgroundRig> camera;
-  if (arguments.real_time) camera.emplace(*rig, source->sequence(), kWaitingStacks, Pace::timestamps, interrupted);
+  if (arguments.real_time)
+    camera.emplace(*rig, source->sequence(), kWaitingStacks, Pace::timestamps,
+                   [&] { return mapping_ended || interrupted(); });
   const auto dropped = [&] { return camera ? camera->dropped() : 0; };
   RateLimiter rate(arguments.live_rate_hz);
   Emptiness emptiness(map);
@@ -291,6 +301,7 @@ int run(const RunArguments& arguments, const Common& common) {
     Progress progress("mapping", planned, common.quiet || common.json);
     Rig& stacks = camera ? static_cast<Rig&>(*camera) : *rig;
     Driver driver(stacks, *pipeline, camera ? kViewsAhead : Driver::kAhead);
+    const SetAtEnd ends{mapping_ended};  // before the driver, which waits for a stack that it has requested
     while (!interrupted() && (arguments.views == 0 || mapped < arguments.views)) {
       const std::optional<MappedView> view = driver.next();
       if (!view) {

@@ -266,5 +266,26 @@ TEST_F(ManyViews, AMapThatIsNoneIsRefused) {
   EXPECT_THAT(refusal(map), HasSubstr("another camera"));
 }
 
+// The next view comes after more seconds than a clock can count. Neither a finished run nor one that fails waits for it.
+TEST_F(ManyViews, ThatAreNotAwaitedInRealTimeDoNotHoldUpTheEnd) {
+  constexpr int kViews = 3;
+  run_successfully({"render", scene("paused", repeated(kStep, kViews - 1)), "--out", at("images"), "--quiet", "--set",
+                    "render.samples_per_pixel=1"});
+  test::write_bytes(temp_ / "images/dataset.yaml",
+                    test::replaced(test::read_bytes(temp_ / "images/dataset.yaml"), "truth: true", "truth: false"));
+  const auto put_at = [&](int view, const std::string& time_s) {
+    const test::fs::path file = temp_ / ("images/stacks/00000" + std::to_string(view) + "/stack.yaml");
+    const std::string text = std::regex_replace(test::read_bytes(file), std::regex("exposure_time_s: .*\n"), "");
+    test::write_bytes(file, std::regex_replace(text, std::regex("timestamp_s: .*"), "timestamp_s: " + time_s));
+  };
+  put_at(0, "0"), put_at(1, "1e12"), put_at(2, "2e12");
+  run_successfully({"run", at("images"), "--out", at("run"), "--real-time", "--views", "1", "--quiet", "--no-report"});
+  EXPECT_EQ(read("run/frames.json").size(), 1u);
+  put_at(1, "0");
+  const test::Finished failed = run_program({"run", at("images"), "--out", at("none"), "--real-time", "--no-report"});
+  EXPECT_EQ(failed.exit_code, 2);
+  EXPECT_THAT(failed.err, HasSubstr("stack 1: its timestamp_s, 0, is not later than that of the stack before it"));
+}
+
 }  // namespace
 }  // namespace fringeslam
