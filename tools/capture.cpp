@@ -15,6 +15,8 @@
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
+#include <thread>
+#include <utility>
 #include <vector>
 
 #include "core/io/files.h"
@@ -49,6 +51,25 @@ struct CaptureArguments {
   std::vector<std::string> sets;
 };
 
+// Waits for a child process and returns its status, as waitpid(). After an interrupt, the child is asked to end soon, and is left
+// to itself if it does not; 0 then.
+int status_when_ended(pid_t child) {
+  using Clock = std::chrono::steady_clock;
+  constexpr std::chrono::milliseconds kLook(10), kAsk(500), kLeave(2500);  // Ctrl-C may have reached the child, too
+  std::optional<Clock::time_point> interrupted_at;
+  bool asked = false;
+  int status = 0;
+  for (pid_t ended; (ended = waitpid(child, &status, WNOHANG)) == 0 || (ended < 0 && errno == EINTR);) {
+    std::this_thread::sleep_for(kLook);
+    if (!interrupted()) continue;
+    if (!interrupted_at) interrupted_at = Clock::now();
+    const auto since = Clock::now() - *interrupted_at;
+    if (since >= kLeave) return 0;
+    if (since >= kAsk && !std::exchange(asked, true)) kill(child, SIGTERM);
+  }
+  return status;
+}
+
 // Returns the exit status of a shell command, as waitpid(). Unlike with std::system(), signals reach this process
 // meanwhile.
 int status_of(const std::string& command) {
@@ -69,10 +90,7 @@ int status_of(const std::string& command) {
   posix_spawnattr_destroy(&attributes);
   posix_spawn_file_actions_destroy(&actions);
   if (error != 0) throw Error("--before " + command + ": cannot be started: " + std::strerror(error));
-  int status = 0;
-  while (waitpid(child, &status, 0) < 0 && errno == EINTR) {
-  }
-  return status;
+  return status_when_ended(child);
 }
 
 // Runs the command that moves the sensor between views: a stage, a robot, or a prompt to a person.

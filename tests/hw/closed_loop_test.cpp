@@ -64,9 +64,12 @@ class Child {
   Child(const Child&) = delete;
   Child& operator=(const Child&) = delete;
 
+  void send(int signal_number) const {
+    if (pid_ > 0) kill(pid_, signal_number);
+  }
   // Exit code, or 128 + signal number.
   int stop(int signal_number) {
-    if (pid_ > 0) kill(pid_, signal_number);
+    send(signal_number);
     return wait();
   }
   int wait() {
@@ -687,6 +690,28 @@ TEST_F(ClosedLoop, FocusThatIsInterruptedWhileTheDevicesOpenReleasesThem) {
   Child focus = program({"rig", "focus", "--rig", at("rig.yaml"), "--live", "0"});
   ASSERT_TRUE(wait_until(60, [&] { return live_port(log_of("program")) > 0; })) << log_of("program");
   EXPECT_EQ(focus.stop(SIGINT), 0) << log_of("program");
+}
+
+// The program of --before would run for minutes.
+TEST_F(ClosedLoop, SigtermDoesNotWaitForTheCommandBefore) {
+  struct Kind {
+    std::string name, trap;
+    bool ends;
+  };
+  for (const Kind& kind : {Kind{"obedient", "", true}, Kind{"stubborn", "trap '' INT TERM; ", false}}) {
+    const fs::path note = at(kind.name + "_pid");
+    Child capture = program({"capture", "--rig", at("rig.yaml"), "--out", at(kind.name), "--count", "3", "--before",
+                             kind.trap + "[ $FRINGESLAM_STACK = 0 ] || { echo $$ > " + test::quoted(note.string()) +
+                                 "; exec sleep 200; }"});
+    ASSERT_TRUE(wait_until(60, [&] { return fs::exists(note) && fs::file_size(note) > 1; })) << log_of("program");
+    const pid_t sleeper = std::stoi(test::read_bytes(note));
+    capture.send(SIGTERM);
+    EXPECT_EQ(capture.wait_for(60), 0) << log_of("program");
+    EXPECT_THAT(log_of("program"), HasSubstr("1 stack, interrupted"));
+    EXPECT_EQ(stacks_in(at(kind.name)), 1);
+    // The one that ignores signals is left to itself.
+    EXPECT_EQ(kill(sleeper, kind.ends ? 0 : SIGKILL), kind.ends ? -1 : 0) << kind.name;
+  }
 }
 
 }  // namespace
