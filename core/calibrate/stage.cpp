@@ -224,6 +224,11 @@ StageCalibration calibrate_stage(const std::vector<StageView>& views) {
     throw Error("the poses and the views do not fit a rigid transform (it would scale or shear by " +
                 to_text(std::round(1e3 * result.affinity) / 1e3) +
                 "); use poses of the robot in the world, in meters, in the order of the views");
+  // Poses that a reflection F has changed to (F R F, F t) fit F M exactly.
+  if (m.determinant() < 0)
+    throw Error(
+        "the poses are those of a left-handed frame, since they fit only a mirrored transform; convert them: negate "
+        "the translation along one axis and the rotations about the two others");
   result.nearest_rigid = nearest_rigid(result.affine, centre / static_cast<double>(common));
   refine(views, result);
   return result;

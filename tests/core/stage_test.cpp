@@ -170,5 +170,28 @@ TEST(CornerPoint, ItsCovarianceIsTheScatterOfItsDepth) {
   EXPECT_NEAR(std::sqrt(squares / predicted), 1, 0.2);
 }
 
+// A left-handed system negates translations along an axis and rotations about the others, for example the y axis of images.
+TEST(StageCalibration, PosesOfALeftHandedFrameAreRefused) {
+  const auto views = views_of(mixed_poses(), kCovariance, nullptr);
+  const std::vector<Eigen::Vector3d> reflections = {{-1, 1, 1}, {1, -1, 1}, {1, 1, -1}, {-1, -1, -1}};
+  for (const Eigen::Vector3d& signs : reflections) {
+    const auto mirror = signs.asDiagonal();
+    auto mirrored = views;
+    for (StageView& view : mirrored) {
+      view.world_from_robot.rotation = mirror * view.world_from_robot.rotation * mirror;
+      view.world_from_robot.translation = mirror * view.world_from_robot.translation;
+    }
+    EXPECT_THAT(error_of([&] { calibrate_stage(mirrored); }), HasSubstr("left-handed")) << signs.transpose();
+    // The remedy, which need not choose the same axis.
+    for (StageView& view : mirrored) {
+      Pose& pose = view.world_from_robot;
+      const Eigen::Vector3d turn = rotation_log(pose.rotation);
+      pose.rotation = rotation_exp({-turn.x(), turn.y(), -turn.z()});
+      pose.translation.y() *= -1;
+    }
+    EXPECT_LT(calibrate_stage(mirrored).affinity, 1e-8);
+  }
+}
+
 }  // namespace
 }  // namespace fringeslam
