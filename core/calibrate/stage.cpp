@@ -104,6 +104,12 @@ struct CornerResidual {
 double view_variance_factor(const std::vector<StageView>& views, const Pose& robot_from_camera,
                             const std::vector<Eigen::Vector3d>& corners) {
   Eigen::Vector2d chi2 = Eigen::Vector2d::Zero();
+  Eigen::Vector3d pivot = Eigen::Vector3d::Zero();  // the middle of the used corners
+  int used = 0;
+  for (const Eigen::Vector3d& corner : corners) {
+    if (!corner.isZero()) pivot += corner, ++used;
+  }
+  pivot /= std::max(1, used);
   int freedom = -6;  // per half: 3 for the transform and 3 for the board's pose
   for (const StageView& view : views) {
     const Pose camera_from_world = (view.world_from_robot * robot_from_camera).inverse();
@@ -113,7 +119,7 @@ double view_variance_factor(const std::vector<StageView>& views, const Pose& rob
     for (size_t j = 0; j < corners.size(); ++j) {
       if (!view.corners[j] || corners[j].isZero()) continue;
       const Eigen::Vector3d off = view.corners[j]->point_m - camera_from_world * corners[j];
-      const Eigen::Vector3d arm = camera_from_world.rotation * (corners[j] - corners.front());
+      const Eigen::Vector3d arm = camera_from_world.rotation * (corners[j] - pivot);
       // Columns: tilts and distance, then roll and shifts.
       Eigen::Matrix<double, 3, 6> jacobian;
       jacobian << 0, arm.z(), 0, -arm.y(), 1, 0, -arm.z(), 0, 0, arm.x(), 0, 1, arm.y(), -arm.x(), 1, 0, 0, 0;

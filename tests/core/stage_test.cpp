@@ -193,5 +193,26 @@ TEST(StageCalibration, PosesOfALeftHandedFrameAreRefused) {
   }
 }
 
+// Neither the choice of the corner that is missing nor that of the world's origin says anything about the views.
+TEST(StageCalibration, AMissingFirstCornerIsLikeAnyOther) {
+  Random random(8);
+  const auto all = views_of(mixed_poses(), kCovariance, &random);
+  const auto without = [&](size_t corner) {
+    auto views = all;
+    for (size_t i = 1; i < views.size(); ++i) views[i].corners[corner].reset();
+    return views;
+  };
+  const auto sigmas = [](const std::vector<StageView>& views) -> Vector6d {
+    return calibrate_stage(views).covariance.diagonal().cwiseSqrt();
+  };
+  const Vector6d complete = sigmas(all);
+  for (const size_t corner : {0u, 5u})
+    for (int i = 0; i < 6; ++i) EXPECT_NEAR(sigmas(without(corner))[i] / complete[i], 1, 0.1) << corner;
+  auto moved = without(0);
+  for (StageView& view : moved)
+    view.world_from_robot = pose_of({900, -700, 1500}, {20, -10, 40}) * view.world_from_robot;
+  EXPECT_TRUE(sigmas(moved).isApprox(sigmas(without(0)), 1e-4));
+}
+
 }  // namespace
 }  // namespace fringeslam
