@@ -5,6 +5,7 @@
 #include <nlohmann/json.hpp>
 
 #include "core/calibrate/camera_noise.h"
+#include "core/decode/exposures.h"
 #include "core/io/files.h"
 #include "core/io/json_text.h"
 #include "core/io/setting_groups.h"
@@ -39,13 +40,14 @@ int calibrate(const CalibrateNoiseArguments& arguments, const Common& common) {
   ReplayRig first(arguments.datasets.front());
   RigModel rig = first.model();
   NoiseEstimator estimator(rig.sensor, settings.noise);
+  OneExposure one(settings.noise.saturation * rig.sensor.max_dn());
   for (const std::string& dataset : arguments.datasets) {
     ReplayRig replay(dataset);
     if (replay.model().sensor.bits != rig.sensor.bits)
       throw Error(dataset + ": has " + std::to_string(replay.model().sensor.bits) + " bits per pixel, but " +
                   arguments.datasets.front() + " has " + std::to_string(rig.sensor.bits) +
                   "; use datasets of one camera");
-    while (const auto stack = replay.capture(replay.sequence())) estimator.add(*stack);
+    while (const auto stack = replay.capture(replay.sequence())) estimator.add(one.of(*stack));
   }
   CameraNoise noise;
   try {

@@ -69,12 +69,11 @@ ImportedNoise noise_of(const ImportPlan& plan) {
     return result;
   }
   NoiseEstimator estimator(result.sensor, {});
-  std::optional<double> exposure;
+  OneExposure one(clip_dn(result.sensor));
   for (int i = 0; i < kStacks; ++i) {
     const auto stack = rig.capture(rig.sequence());
     if (!stack) break;
-    if (!exposure) exposure = clearest_exposure(*stack, clip_dn(result.sensor));
-    estimator.add(as_one_exposure(images_at(*stack, *exposure)));
+    estimator.add(one.of(*stack));
   }
   try {
     result.measured = estimator.estimate();

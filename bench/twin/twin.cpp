@@ -9,6 +9,7 @@
 
 #include "core/calibrate/camera_noise.h"
 #include "core/decode/decode.h"
+#include "core/decode/exposures.h"
 #include "core/depth/depth.h"
 #include "core/io/files.h"
 #include "core/patterns/patterns.h"
@@ -326,10 +327,12 @@ std::vector<Comparison> compare(const Capture& real, const Capture& twin, const 
     return static_cast<double>(valid) / std::max(1, all);
   });
   add("wrong fringe orders", "", [&](const Capture& c) { return wrong_orders(c.decoded); });
-  if (noise_samples_per_pixel(real.stack.patterns) > 0) {
+  // Both captures are measured at the exposure that is the clearest one of the real capture.
+  OneExposure one(NoiseOptions().saturation * sensor.max_dn());
+  if (noise_samples_per_pixel(one.of(real.stack).patterns) > 0) {
     add("camera gain", "DN/e-", [&](const Capture& c) {
       NoiseEstimator estimator(sensor, {});
-      estimator.add(c.stack);
+      estimator.add(one.of(c.stack));
       return estimator.estimate().gain_dn_per_electron.value;
     });
   }

@@ -325,6 +325,11 @@ NoiseEstimator::NoiseEstimator(const SensorModel& prior, const NoiseOptions& opt
 
 void NoiseEstimator::add(const FringeStack& stack) {
   check_stack(stack);
+  const std::vector<Pattern>& patterns = stack.patterns.patterns;
+  if (std::any_of(patterns.begin(), patterns.end(),
+                  [&](const Pattern& pattern) { return pattern.exposure != patterns.front().exposure; }))
+    throw Error("stack " + std::to_string(stack.index) +
+                " has patterns at several exposures; measure the noise at one of them");
   const cv::Size size = stack.images[0].size();
   for (const cv::Mat& image : stack.images) {
     for_grid(size, options_.max_pixels, [&](int row, int col) {

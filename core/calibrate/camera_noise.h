@@ -78,7 +78,8 @@ class NoiseEstimator {
   // `prior` supplies the bit depth and all parameters that images cannot show. Throws Error if options are out of range.
   NoiseEstimator(const SensorModel& prior, const NoiseOptions& options);
 
-  // Adds the residuals of a stack, and its differences to the previous stack if nothing moved between the two.
+  // Adds the residuals of a stack, and its differences to the previous stack if nothing moved between the two. Throws Error
+  // if its patterns differ in exposure: the model has one mean for all of them.
   void add(const FringeStack& stack);
 
   // Returns the estimate. Throws Error if there are too few samples or too few grey levels, or if the variance does not

@@ -164,4 +164,12 @@ FringeStack as_one_exposure(FringeStack stack) {
   return stack;
 }
 
+FringeStack OneExposure::of(const FringeStack& stack) {
+  if (!(stack.patterns == patterns_)) {
+    exposure_ = clearest_exposure(stack, clip_dn_);
+    patterns_ = stack.patterns;
+  }
+  return as_one_exposure(images_at(stack, exposure_));
+}
+
 }  // namespace fringeslam

@@ -38,4 +38,17 @@ FringeStack best_exposure(const FringeStack& stack, double clip_dn);
 // Returns a stack of a single exposure as if that were the rig's.
 FringeStack as_one_exposure(FringeStack stack);
 
+// Reduces stacks of the same patterns to one exposure, for what assumes that all images are exposed equally.
+class OneExposure {
+ public:
+  explicit OneExposure(double clip_dn) : clip_dn_(clip_dn) {}
+  // Returns the images at the clearest exposure of the first stack of these patterns, as if that were the rig's.
+  FringeStack of(const FringeStack& stack);
+
+ private:
+  double clip_dn_;
+  PatternSequence patterns_;  // for which the exposure was chosen
+  double exposure_ = 1;
+};
+
 }  // namespace fringeslam

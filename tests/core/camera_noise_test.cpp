@@ -8,6 +8,8 @@
 #include <random>
 
 #include "core/base/constants.h"
+#include "core/decode/exposures.h"
+#include "core/patterns/design.h"
 #include "core/patterns/patterns.h"
 #include "core/types/error.h"
 #include "tests/support/matchers.h"
@@ -173,6 +175,31 @@ TEST(CameraNoise, ExplainsWhyItCannotMeasure) {
   FringeStack black = capture(periods({40}, 4), {}, 1);
   for (cv::Mat& image : black.images) image = cv::Mat1b::zeros(image.size());
   EXPECT_THAT(error_of([&] { measure({black}); }), Not(IsEmpty()));
+}
+
+TEST(CameraNoise, SeveralExposuresAreMeasuredAtOneOfThem) {
+  const Camera camera;
+  PatternSequence sequence = periods({40}, 6);
+  sequence.patterns = at_exposures(sequence.patterns, {0.25, 1});
+  Disturbance exposures;
+  exposures.brightness = [&](size_t image) { return sequence.patterns[image].exposure; };
+  OneExposure one(255);
+  std::vector<FringeStack> reduced;
+  int gains = 0;
+  double mean = 0;
+  constexpr int kSeeds = 6;
+  for (unsigned seed = 1; seed <= kSeeds; ++seed) {
+    const FringeStack stack = capture(sequence, camera, seed, exposures);
+    EXPECT_THAT(error_of([&] { measure({stack}); }), HasSubstr("several exposures"));
+    reduced.push_back(one.of(stack));
+    EXPECT_EQ(reduced.back().patterns, periods({40}, 6));
+    const NoiseInterval gain = measure({reduced.back()}).gain_dn_per_electron;
+    gains += contains(gain, camera.gain);
+    mean += gain.value / kSeeds;
+  }
+  EXPECT_NEAR(mean / camera.gain, 1, 0.015);
+  EXPECT_GE(gains, 4);  // fewer happen with probability 2e-3 at a coverage of 95 %
+  EXPECT_EQ(measure({reduced[0], reduced[1]}).repeated_stacks, 1);
 }
 
 }  // namespace

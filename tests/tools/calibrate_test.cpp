@@ -221,5 +221,19 @@ TEST_F(Calibrate, StageFromCommandedMotions) {
   EXPECT_THAT(refused.err, HasSubstr("give the commanded poses"));
 }
 
+// Without a choice of one exposure, equal patterns at several exposures count as steps of one sinusoid.
+TEST_F(Calibrate, NoiseOfTheCameraFromSeveralExposures) {
+  const std::string material =
+      "{grain: checkerboard, columns: 9, rows: 9, spacing_m: 0.02, albedo: 0.8, print_albedo: 0.1}";
+  const std::string dataset =
+      rendered("exposures", "{steps: 12, periods_px: [64], exposures: [0.25, 0.5, 1]}", material, "{}");
+  const auto measured = run_program({"calibrate", "noise", dataset, "--out", at("measured"), "--json"});
+  ASSERT_EQ(measured.exit_code, 0) << measured.err;
+  const json gain = json::parse(measured.out).at("gain_dn_per_electron");
+  EXPECT_LE(gain.at("low"), 0.0068);
+  EXPECT_GE(gain.at("high"), 0.0068);
+  EXPECT_NEAR(gain.at("value"), 0.0068, 0.05 * 0.0068);
+}
+
 }  // namespace
 }  // namespace fringeslam
