@@ -244,6 +244,25 @@ double limited_correlation(const std::vector<std::pair<double, double>>& pairs) 
   return squares > 0 ? products / squares : 0;
 }
 
+// --- saturation ---
+
+// Grey value at which the histogram (256 bins over the full scale) piles up at its upper end; the full scale if it
+// does not.
+double saturation_of(const std::vector<int64_t>& histogram, double max_dn) {
+  size_t last = histogram.size();
+  while (last > 0 && histogram[last - 1] == 0) --last;
+  if (last < 32 || last == histogram.size()) return max_dn;
+  // Noise spreads the brightest values of an unsaturated camera over several bins.
+  constexpr size_t kBelow = 16;
+  constexpr double kExcess = 8, kShare = 5e-4;
+  int64_t all = 0, below = 0;
+  for (const int64_t count : histogram) all += count;
+  for (size_t i = 0; i < kBelow; ++i) below += histogram[last - 3 - i];
+  const auto pile = static_cast<double>(histogram[last - 1]);
+  const bool piled = pile > kShare * static_cast<double>(all) && pile > kExcess * static_cast<double>(below) / kBelow;
+  return piled ? max_dn * static_cast<double>(last - 1) / 255 : max_dn;
+}
+
 // --- variance over grey value ---
 
 // Huber's scale (proposal 2): E min((x / s)^2, limit^2) equals its value for the normal distribution. Unlike a median,
@@ -348,7 +367,7 @@ void NoiseEstimator::add_residuals(const FringeStack& stack) {
   const StackModel model = model_of(stack.patterns);
   if (model.residual.cols() == 0) return;
   const cv::Size size = stack.images[0].size();
-  const double limit_dn = options_.saturation * prior_.max_dn();
+  const double limit_dn = options_.saturation * saturation_of(histogram_, prior_.max_dn());
   const Eigen::MatrixXd squared = model.residual.cwiseAbs2().transpose();
   PixelFit pixel;
   Eigen::MatrixXd in_images, derivatives;
@@ -448,7 +467,7 @@ void NoiseEstimator::add_residuals(const FringeStack& stack) {
 
 void NoiseEstimator::add_differences(const FringeStack& stack) {
   const cv::Size size = stack.images[0].size();
-  const double limit_dn = options_.saturation * prior_.max_dn();
+  const double limit_dn = options_.saturation * saturation_of(histogram_, prior_.max_dn());
   std::vector<Sample> samples;
   std::vector<std::pair<double, double>> neighbours;
   for (size_t i = 0; i < stack.images.size(); ++i) {
@@ -481,27 +500,6 @@ void NoiseEstimator::add_differences(const FringeStack& stack) {
   samples_.insert(samples_.end(), samples.begin(), samples.end());
   ++repeated_stacks_;
 }
-
-namespace {
-
-// Grey value at which the histogram (256 bins over the full scale) piles up at its upper end; the full scale if it
-// does not.
-double saturation_of(const std::vector<int64_t>& histogram, double max_dn) {
-  size_t last = histogram.size();
-  while (last > 0 && histogram[last - 1] == 0) --last;
-  if (last < 32 || last == histogram.size()) return max_dn;
-  // Noise spreads the brightest values of an unsaturated camera over several bins.
-  constexpr size_t kBelow = 16;
-  constexpr double kExcess = 8, kShare = 5e-4;
-  int64_t all = 0, below = 0;
-  for (const int64_t count : histogram) all += count;
-  for (size_t i = 0; i < kBelow; ++i) below += histogram[last - 3 - i];
-  const auto pile = static_cast<double>(histogram[last - 1]);
-  const bool piled = pile > kShare * static_cast<double>(all) && pile > kExcess * static_cast<double>(below) / kBelow;
-  return piled ? max_dn * static_cast<double>(last - 1) / 255 : max_dn;
-}
-
-}  // namespace
 
 CameraNoise NoiseEstimator::estimate() const {
   if (residual_stacks_ + repeated_stacks_ == 0)

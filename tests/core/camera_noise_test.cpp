@@ -177,6 +177,17 @@ TEST(CameraNoise, ExplainsWhyItCannotMeasure) {
   EXPECT_THAT(error_of([&] { measure({black}); }), Not(IsEmpty()));
 }
 
+// Clipped images are no sinusoid, and their residuals are not noise.
+TEST(CameraNoise, GainOfACameraThatClipsBelowFullScale) {
+  Camera camera;
+  camera.saturation_dn = 130;
+  const CameraNoise noise = measure({capture(periods({40}, 8), camera, 1)});
+  EXPECT_NEAR(noise.saturation_dn, camera.saturation_dn, 2);
+  EXPECT_NEAR(noise.gain_dn_per_electron.value, camera.gain, 0.03 * camera.gain);
+  EXPECT_TRUE(contains(noise.gain_dn_per_electron, camera.gain));
+  EXPECT_LT(noise.harmonics, 0.01);
+}
+
 TEST(CameraNoise, SeveralExposuresAreMeasuredAtOneOfThem) {
   const Camera camera;
   PatternSequence sequence = periods({40}, 6);
