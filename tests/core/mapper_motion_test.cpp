@@ -2,6 +2,7 @@
 // Tests that the mapper uses the motion that a view's own stack shows. Views have depth noise; their motions are made up.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <utility>
 #include <vector>
@@ -12,6 +13,19 @@
 
 namespace fringeslam {
 namespace {
+
+// A speed along the axis changes all depths alike.
+std::vector<DepthSlope> slopes_by_axial_speed(const ReconstructedView& view, int stride, double depth_by_speed_s) {
+  std::vector<DepthSlope> slopes;
+  for (int row = 0; row < view.frame.height(); row += stride) {
+    for (int col = 0; col < view.frame.width(); col += stride) {
+      DepthSlope slope{row, col, Vector12d::Zero()};
+      slope.by_motion[5] = depth_by_speed_s;
+      slopes.push_back(slope);
+    }
+  }
+  return slopes;
+}
 
 class MapperInMotion : public testing::Test {
  protected:
@@ -56,17 +70,8 @@ TEST_F(MapperInMotion, AnUndecidedMotionStaysInTheCovariance) {
     if (calls++ == 0) view.undecided_motion = undecided;
     return view;
   };
-  // A speed along the axis changes all depths alike.
   input.depth_slopes = [&](const ReconstructedView& view, int stride) {
-    std::vector<DepthSlope> slopes;
-    for (int row = 0; row < view.frame.height(); row += stride) {
-      for (int col = 0; col < view.frame.width(); col += stride) {
-        DepthSlope slope{row, col, Vector12d::Zero()};
-        slope.by_motion[5] = kDepthBySpeed_s;
-        slopes.push_back(slope);
-      }
-    }
-    return slopes;
+    return slopes_by_axial_speed(view, stride, kDepthBySpeed_s);
   };
   const FrameResult result = mapper_.process(std::move(input));
   ASSERT_EQ(result.tracking, Tracking::followed);
@@ -118,6 +123,37 @@ TEST_F(MapperInMotion, AnUnknownMotionDoesNotMoveThePrediction) {
     ASSERT_TRUE(has_pose(result.tracking)) << i;
   }
   EXPECT_TRUE(predicted) << "the view is unwrapped by the map";
+}
+
+// A view found by its landmarks is registered again with its motion as an unknown. Without enough pixels for that, repeating the
+// registration from its own result would confirm nothing.
+TEST_F(MapperInMotion, ARelocalizedViewNeedsAJointEstimate) {
+  constexpr double kDepthBySpeed_s = 1e-3;
+  StackMotion moving;
+  moving.motion.velocity_m_s = {0.1, 0, 0};
+  moving.covariance = 1e-8 * Matrix12d::Identity();
+  moving.residuals = 1000;
+  moving.rms_sigma = 1;
+  moving.converged = true;
+  for (const bool enough : {true, false}) {
+    Mapper mapper(rig_, PipelineOptions{}.mapper(), {});
+    MapperInput first{0, seen_from({}, 0)};
+    ASSERT_EQ(mapper.process(std::move(first)).tracking, Tracking::first);
+    // Only one view was tracked before, so that nothing is predicted.
+    const Pose pose{rotation_exp({0, 0, 0.1}), {0.05, 0.02, 0}};
+    ReconstructedView view = seen_from(pose, 1);
+    view.motion = moving;
+    MapperInput input;
+    input.timestamp_s = 1;
+    input.reconstruct = [&](const ReconstructionPrior&) { return view; };
+    input.depth_slopes = [&](const ReconstructedView& of, int stride) {
+      std::vector<DepthSlope> slopes = slopes_by_axial_speed(of, stride, kDepthBySpeed_s);
+      if (!enough) slopes.resize(std::min<size_t>(slopes.size(), 50));
+      return slopes;
+    };
+    const FrameResult result = mapper.process(std::move(input));
+    EXPECT_EQ(result.tracking, enough ? Tracking::refined : Tracking::lost);
+  }
 }
 
 }  // namespace
