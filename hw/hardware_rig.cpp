@@ -42,6 +42,7 @@ HardwareRig::HardwareRig(const RigModel& model, std::unique_ptr<GreyCamera> came
       options_(options),
       exposure_s_(camera_->exposure_s()) {
   options_.check.full_scale_dn = model.sensor.max_dn();
+  options_.check.saturation *= model.sensor.saturation_dn() / model.sensor.max_dn();
   const cv::Size camera_size(model.camera.width, model.camera.height);
   const cv::Size projector_size(model.projector.width, model.projector.height);
   if (camera_->size() != camera_size)

@@ -39,7 +39,7 @@ class SequenceRejected : public Error {
   using Error::Error;
 };
 
-// They do not show them because they are saturated.
+// Thrown if no attempt shows the patterns because the last images are saturated.
 class Overexposed : public SequenceRejected {
  public:
   using SequenceRejected::SequenceRejected;

@@ -45,7 +45,7 @@ struct SequenceVerdict {
   std::string reason;           // if not good: a clause that names the image
   double gamma = 1;             // of the projector, from the fringes' mean; 1 if no evenly spaced fringes
   bool too_few_pixels = false;  // the images could not be checked
-  bool saturated = false;       // because white saturates where it would differ from black
+  bool saturated = false;       // the images could not be checked because white saturates
 };
 
 // The gamma whose fringes have this mean level. Throws Error if it is below 0.25 (gamma 4.7) or above 0.75 (gamma

@@ -40,7 +40,7 @@ int calibrate(const CalibrateNoiseArguments& arguments, const Common& common) {
   ReplayRig first(arguments.datasets.front());
   RigModel rig = first.model();
   NoiseEstimator estimator(rig.sensor, settings.noise);
-  OneExposure one(settings.noise.saturation * rig.sensor.max_dn());
+  OneExposure one(settings.noise.saturation * rig.sensor.saturation_dn());
   for (const std::string& dataset : arguments.datasets) {
     ReplayRig replay(dataset);
     if (replay.model().sensor.bits != rig.sensor.bits)

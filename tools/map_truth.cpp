@@ -37,7 +37,7 @@ std::optional<int> stacks_of(const fs::path& folder) {
 }
 
 // Loads the scene from which a folder was rendered. The folder's rig.yaml is the calibration given to the pipeline, which
-// may be wrong. It tells only whether texture and depth images lack the scene's lens distortion, which fringe images never
+// may be wrong. It only serves to determine whether texture and depth images lack the scene's lens distortion, which fringe images never
 // do.
 sim::Scene scene_of_images(const fs::path& folder) {
   sim::Scene scene;

@@ -103,7 +103,7 @@ int check(const std::string& rig_file, const Common& common) {
   const auto [stack, exposure] = first_look(*rig, sequence);
   cv::Mat brightest = stack.images.front().clone();
   for (const cv::Mat& image : stack.images) brightest = cv::max(brightest, image);
-  const double full = model.sensor.max_dn();
+  const double full = model.sensor.saturation_dn();
   const double saturated =
       static_cast<double>(cv::countNonZero(brightest >= full)) / static_cast<double>(brightest.total());
   const double mean = cv::mean(brightest)[0] / full;

@@ -179,7 +179,7 @@ class Record {
   }
 
   void note_images(const FringeStack& stack, const FrameResult& result) {
-    seen_.saturated = std::max(seen_.saturated, saturated_share(stack, scene_.rig.sensor.max_dn()));
+    seen_.saturated = std::max(seen_.saturated, saturated_share(stack, scene_.rig.sensor.saturation_dn()));
     std::vector<double> modulation;
     for (int i = 0; i < static_cast<int>(result.decoded.modulation.total()); i += 7) {
       const auto value = static_cast<double>(result.decoded.modulation(i));

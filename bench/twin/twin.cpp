@@ -328,7 +328,7 @@ std::vector<Comparison> compare(const Capture& real, const Capture& twin, const 
   });
   add("wrong fringe orders", "", [&](const Capture& c) { return wrong_orders(c.decoded); });
   // Both captures are measured at the exposure that is the clearest one of the real capture.
-  OneExposure one(NoiseOptions().saturation * sensor.max_dn());
+  OneExposure one(NoiseOptions().saturation * sensor.saturation_dn());
   if (noise_samples_per_pixel(one.of(real.stack).patterns) > 0) {
     add("camera gain", "DN/e-", [&](const Capture& c) {
       NoiseEstimator estimator(sensor, {});

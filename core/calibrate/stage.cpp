@@ -233,8 +233,9 @@ StageCalibration calibrate_stage(const std::vector<StageView>& views) {
   // Poses that a reflection F has changed to (F R F, F t) fit F M exactly.
   if (m.determinant() < 0)
     throw Error(
-        "the poses are those of a left-handed frame, since they fit only a mirrored transform; convert them: negate "
-        "the translation along one axis and the rotations about the two others");
+        "the poses fit only a mirrored transform: they are those of a left-handed frame, or the images are mirrored; "
+        "convert the poses (negate the translation along one axis and the rotations about the two others), or flip the "
+        "images");
   result.nearest_rigid = nearest_rigid(result.affine, centre / static_cast<double>(common));
   refine(views, result);
   return result;

@@ -26,6 +26,7 @@ namespace fringeslam {
 
 namespace {
 
+constexpr double kHalf = 0.51;     // period of the cells of a complementary Gray code
 constexpr double kGrayEdgePx = 1;  // blur of an edge between Gray cells extends this far into the cells
 
 // Throws Error unless the working range spans less than a period for most rays, as `geometric` requires.
@@ -61,6 +62,11 @@ void check_geometric(const RigModel& rig, double period_px, Axis axis) {
 
 bool numbers_periods(const GrayDecoder& decoder, const FringeGroup& group) {
   return decoder.cell_px() <= group.period_px * (1 + 1e-9);
+}
+
+// True if neighboring orders differ in more than one bit, of which motion may leave one at an edge.
+bool numbers_half_periods(const GrayDecoder& decoder, const FringeGroup& group) {
+  return decoder.cell_px() <= kHalf * group.period_px;
 }
 
 std::vector<EnsembleMember> ensemble_members(const PatternSequence& sequence, const RigModel& rig,
@@ -344,7 +350,7 @@ void prior_row(const CoordinatePrior& expected, int row, double period_px, RowPr
 // At the edge between two cells, noise may select either neighbour; this is harmless for cells of half a period.
 void gray_row(const GrayDecoder& gray, const RowPlan& plan, const float* const* samples, RowPrior& anchor) {
   const double cell = gray.cell_px(), period = plan.period_px;
-  const bool neighbours_matter = cell > 0.51 * period;
+  const bool neighbours_matter = cell > kHalf * period;
   for (size_t i = 0; i < anchor.turns.size(); ++i) {
     const GrayDecoder::Reading reading = gray.read(plan, samples, static_cast<int>(i));
     const double failure = reading.far + (neighbours_matter ? reading.neighbour : 0);
@@ -454,7 +460,7 @@ bool decodes_in_motion(const PatternSequence& sequence, const RigModel& rig, con
     const std::vector<FringeGroup> groups = select_groups(sequence, context.axis, options);
     if (groups.empty()) return false;
     const StepEstimator any = least_squares(groups.back());
-    return numbers_periods(GrayDecoder(sequence, context.axis, &any), groups.back());
+    return numbers_half_periods(GrayDecoder(sequence, context.axis, &any), groups.back());
   }
   return method != Unwrapping::ensemble && method != Unwrapping::micro && method != Unwrapping::modulated;
 }
@@ -567,9 +573,9 @@ void decode_images(DecodedStack& out, const FringeStack& stack, const PatternSeq
     if (context.aligned) throw Error("decode: images in motion cannot be decoded by micro phase shifting");
     micro.emplace(sequence, context.axis, plan.groups.back(), length);
   }
+  if (gray_in_motion && !numbers_half_periods(*gray, groups.back()))
+    throw Error("decode: images in motion need a Gray code with cells no wider than half of the finest period");
   if (gray && !groups.empty() && !numbers_periods(*gray, groups.back())) {
-    if (context.aligned)
-      throw Error("decode: images in motion need a Gray code with cells no wider than the finest period");
     size_t numbered = groups.size() - 1;
     while (!numbers_periods(*gray, groups[numbered])) --numbered;
     decode_finer_than_gray(out, stack, rig, options, context, groups, numbered);

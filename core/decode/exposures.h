@@ -38,9 +38,10 @@ FringeStack best_exposure(const FringeStack& stack, double clip_dn);
 // Returns a stack of a single exposure as if that were the rig's.
 FringeStack as_one_exposure(FringeStack stack);
 
-// Reduces stacks of the same patterns to one exposure, for what assumes that all images are exposed equally.
+// Reduces stacks of the same patterns to one exposure, for functions that assume equal exposures.
 class OneExposure {
  public:
+  // Gray values from `clip_dn` on are saturated.
   explicit OneExposure(double clip_dn) : clip_dn_(clip_dn) {}
   // Returns the images at the clearest exposure of the first stack of these patterns, as if that were the rig's.
   FringeStack of(const FringeStack& stack);

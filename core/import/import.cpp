@@ -20,6 +20,7 @@ constexpr double kFullScaleElectrons = 38250;
 int file_bits(const cv::Mat& image) { return image.depth() == CV_8U ? 8 : 16; }
 
 SensorModel sensor_of(const ImportCamera& camera, int bits) {
+  constexpr double kMostElectrons = 1e9;  // of a rig file
   SensorModel sensor;
   const auto given_or = [](double given, double fallback) { return given >= 0 ? given : fallback; };
   sensor.bits = bits;
@@ -27,9 +28,9 @@ SensorModel sensor_of(const ImportCamera& camera, int bits) {
   sensor.dark_noise_electrons = given_or(camera.dark_noise_electrons, sensor.dark_noise_electrons);
   sensor.offset_dn = given_or(camera.offset_dn, 0);
   // An assumed full well must not limit the gray values.
-  sensor.full_well_electrons = given_or(
-      camera.full_well_electrons, std::max(sensor.full_well_electrons, std::ceil((sensor.max_dn() - sensor.offset_dn) /
-                                                                                 sensor.gain_dn_per_electron)));
+  const double full_scale_electrons = std::ceil((sensor.max_dn() - sensor.offset_dn) / sensor.gain_dn_per_electron);
+  sensor.full_well_electrons = given_or(camera.full_well_electrons,
+                                        std::clamp(full_scale_electrons, sensor.full_well_electrons, kMostElectrons));
   return sensor;
 }
 

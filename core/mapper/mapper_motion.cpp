@@ -287,14 +287,15 @@ Pose Mapper::estimate_motion(FrameResult& result, const MapperInput& input, cons
     if (reference < 0) return without_estimate();
     const Pose world_from_reference = map_.keyframes()[static_cast<size_t>(reference)].world_from_camera;
     MotionRegistration found;
-    // Views with few pixels need all of them.
-    for (int stride = coarsest; stride >= 1 && !found.valid; stride /= 2) {
+    // A view with few pixels needs more of them. If few of many correspond with the map, more would not help.
+    constexpr size_t kMany = 1500;
+    for (int stride = coarsest; stride >= 1; stride /= 2) {
       const std::vector<DepthSlope> slopes = input.depth_slopes(result, stride);
-      if (slopes.empty()) continue;
       enter_stage("motion");
       found =
           register_motion(keyframe_image(reference), result.frame, rig_.camera,
                           world_from_reference.inverse() * world_from_camera, slopes, result.motion->motion, widened);
+      if (found.valid || slopes.size() >= kMany) break;
     }
     if (!found.valid) return without_estimate();
     const Vector12d change = to_vector(result.motion->motion) + found.step - to_vector(prior.motion);

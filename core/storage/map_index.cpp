@@ -92,14 +92,14 @@ void pose(Archive& archive, P& p) {
                     "a rotation matrix is not orthonormal");
 }
 
-// A covariance, of which no variance is negative: the lower triangle.
-// True if no eigenvalue is negative by more than rounding.
+// Returns true if no eigenvalue is negative by more than rounding.
 template <class Matrix>
 bool is_positive(const Matrix& m) {
   const Matrix symmetric = 0.5 * (m + m.transpose());
   return symmetric_eigen(symmetric).values.minCoeff() >= -1e-9 * m.cwiseAbs().maxCoeff();
 }
 
+// Archives the lower triangle of a covariance. When it is read, it must be positive semidefinite up to rounding.
 template <class Archive, class Matrix>
 void covariance(Archive& archive, Matrix& m) {
   for (Eigen::Index col = 0; col < m.cols(); ++col) {

@@ -18,7 +18,7 @@ std::filesystem::path cache_folder();
 
 // Returns the 64-bit FNV-1a hash of `content` as 16 hexadecimal digits.
 std::string content_hash(const std::string& content);
-// Returns the same of the contents of files in this order. Of those that cannot be read, size and time count.
+// Returns the same of the contents of files in this order. Size and time stand for a file that cannot be read.
 std::string contents_hash(const std::vector<std::filesystem::path>& files);
 
 // Returns the path of the cached file `name`, writing `bytes` to it unless it already holds them. Throws Error if the

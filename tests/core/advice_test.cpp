@@ -199,6 +199,7 @@ TEST(Advice, DistinguishesIndirectLightFromNoise) {
   const FringeStack stack = stack_of(three_periods(), rig.sensor, 9, uniform(80), kUnbiased);
   const double mean_dn = rig.sensor.offset_dn + 80, variance_dn2 = rig.sensor.variance_dn2(mean_dn);
   rig.sensor.gain_dn_per_electron /= 4;
+  rig.sensor.full_well_electrons *= 4;  // at the same gray value
   const ViewEvidence view = examine(stack, rig, {}, Axis::columns);
   EXPECT_NEAR(view.light.noise_ratio, std::sqrt(variance_dn2 / rig.sensor.variance_dn2(mean_dn)), 0.1);
   EXPECT_EQ(advise({view}, stack.patterns, rig, {}, {}, ObservedMotion::none).indirect, ObservedIndirect::none);

@@ -686,7 +686,7 @@ TEST_F(ClosedLoop, AnOverexposedRigIsCheckedAtAShorterExposure) {
 }
 
 // The page is there before the devices are opened.
-TEST_F(ClosedLoop, FocusThatIsInterruptedWhileTheDevicesOpenReleasesThem) {
+TEST_F(ClosedLoop, FocusThatIsInterruptedAtItsStartEndsInOrder) {
   Child focus = program({"rig", "focus", "--rig", at("rig.yaml"), "--live", "0"});
   ASSERT_TRUE(wait_until(60, [&] { return live_port(log_of("program")) > 0; })) << log_of("program");
   EXPECT_EQ(focus.stop(SIGINT), 0) << log_of("program");

@@ -427,6 +427,7 @@ TEST(MovingStack, ShiftsOfSelectedStepsAreNotChanged) {
 TEST(MovingStack, CodingsThatNeedRestLeaveTheMotionUnknown) {
   for (const char* patterns : {"{axis: columns, steps: 3, periods_px: [1040, 130, 16.25], gray: complementary, "
                                "gray_cell_px: 8.125, gray_xor_px: [0, 16.25]}",
+                               "{axis: columns, steps: 3, periods_px: [130, 16.25], gray: plain}",
                                "{axis: columns, steps: 3, periods_px: [65, 16.25], gray: plain, gray_cell_px: 32.5}"}) {
     SceneLoadOptions reading;
     reading.changes = {{"patterns", patterns}};
@@ -453,16 +454,26 @@ TEST(MovingStack, CodingsThatNeedRestLeaveTheMotionUnknown) {
 
 // Each bit of a Gray code is that of its own exposure's coordinate, which differs from that of the phase by up to a period.
 TEST(MovingStack, GrayCodesNumberThePeriods) {
-  for (const char* patterns :
-       {"{axis: columns, steps: 3, periods_px: [130, 16.25], gray: complementary, gray_cell_px: 8.125}",
-        "{axis: columns, steps: 3, periods_px: [130, 16.25], gray: plain, gray_inverted: true}",
-        "{axis: columns, steps: 3, periods_px: [130, 16.25], gray: complementary, gray_cell_px: 8.125, "
-        "gray_xor_px: [16.25]}"}) {
+  const char* const complementary =
+      "{axis: columns, steps: 3, periods_px: [130, 16.25], gray: complementary, gray_cell_px: 8.125}";
+  const char* const xored =
+      "{axis: columns, steps: 3, periods_px: [130, 16.25], gray: complementary, gray_cell_px: 8.125, "
+      "gray_xor_px: [16.25]}";
+  struct Case {
+    const char *patterns, *rig, *world;
+    double most_wrong;
+  };
+  // Beside edges, some of the images show another surface. The fringes of a nonlinear projector have phase errors, which the
+  // drift between three images multiplies.
+  for (const auto& [patterns, rig, world, most_wrong] :
+       {Case{complementary, "thesis", "flat_board", 1e-5}, Case{xored, "thesis", "flat_board", 1e-5},
+        Case{complementary, "thesis", "loop", 2e-3}, Case{complementary, "gamma", "flat_board", 5e-3}}) {
     int valid_at_rest = 0;
     for (const double speed_m_s : {0.0, 0.3, -0.3}) {
       SceneLoadOptions reading;
       reading.changes = {{"patterns", patterns}};
-      Scene scene = load_scene(std::string(FRINGESLAM_SOURCE_DIR) + "/scenes/loop/scene.yaml", reading);
+      reading.rig_file = std::string(FRINGESLAM_SOURCE_DIR) + "/scenes/rigs/" + rig + ".yaml";
+      Scene scene = load_scene(std::string(FRINGESLAM_SOURCE_DIR) + "/scenes/" + world + "/scene.yaml", reading);
       scene.trajectory.resize(1);
       CameraMotion motion;
       motion.velocity_m_s = {speed_m_s, 0, 0};
@@ -489,9 +500,8 @@ TEST(MovingStack, GrayCodesNumberThePeriods) {
         }
       }
       if (speed_m_s == 0) valid_at_rest = valid;
-      EXPECT_GT(valid, 0.65 * valid_at_rest) << patterns << speed_m_s;
-      // Beside edges, some of the images show another surface.
-      EXPECT_LE(wrong, (speed_m_s == 0 ? 1e-4 : 1e-3) * valid) << patterns << speed_m_s;
+      EXPECT_GT(valid, 0.45 * valid_at_rest) << patterns << rig << world << speed_m_s;
+      EXPECT_LE(wrong, (speed_m_s == 0 ? 1e-4 : most_wrong) * valid) << patterns << rig << world << speed_m_s;
     }
   }
 }

@@ -148,6 +148,7 @@ TEST(Symmetry, DoubledNoiseDoublesTheSigma) {
       phase_shift_sequence(width, rig.projector.height, {1.0 * width}, 3, Axis::columns, 0);
   const auto sigma = [&](double gain, double dark_electrons) {
     rig.sensor.gain_dn_per_electron = gain;
+    rig.sensor.full_well_electrons = 255 / gain;
     rig.sensor.dark_noise_electrons = dark_electrons;
     const cv::Mat1d columns(1, 1, 371.0);
     return decode(support::fringe_stack(columns, sequence, {100, 70}, CV_32FC1), rig, {}).sigma_px(0, 0);

@@ -262,7 +262,7 @@ TEST_F(Score, WhatCannotBeScored) {
 }
 
 // A run has a trajectory.tum and a mesh.ply of its own, which must not be taken for those of its scene.
-TEST_F(Score, AFolderTellsTheTruthOfItsSceneByAnyNames) {
+TEST_F(Score, AFolderHasTheTruthOfItsSceneWhateverTheNamesOfItsFiles) {
   make_world();
   PlyMap pyramid;
   pyramid.vertices = {{-0.1, -0.1, 0}, {0.1, -0.1, 0}, {0, 0.1, 0}, {0, 0, 0.1}};
@@ -296,7 +296,7 @@ TEST_F(Score, TheTrueSurfaceIsThatOfTheRigThatTookTheImages) {
   run_successfully({"render", at("scene"), "--out", at("data"), fast[0], fast[1], fast[2]});
   EXPECT_EQ(score({at("world.ply"), "--truth", at("data")}), right);
   // Texture and depth images have no lens distortion, even if the scene overrides that of its rig file. The share of the seen
-  // surface that lies on a part of the floor tells the lens.
+  // surface that lies on a part of the floor depends on the lens.
   PlyMap part;
   part.vertices = {{-0.12, -0.12, 0}, {0.12, -0.12, 0}, {0.12, 0.12, 0}, {-0.12, 0.12, 0}};
   part.triangles = {{0, 1, 2}, {0, 2, 3}};
