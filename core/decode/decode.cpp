@@ -26,8 +26,8 @@ namespace fringeslam {
 
 namespace {
 
-constexpr double kHalf = 0.51;     // period of the cells of a complementary Gray code
-constexpr double kGrayEdgePx = 1;  // blur of an edge between Gray cells extends this far into the cells
+constexpr double kHalfPeriod = 0.51;  // widest cells of a complementary Gray code, in periods
+constexpr double kGrayEdgePx = 1;     // blur of an edge between Gray cells extends this far into the cells
 
 // Throws Error unless the working range spans less than a period for most rays, as `geometric` requires.
 void check_geometric(const RigModel& rig, double period_px, Axis axis) {
@@ -66,7 +66,7 @@ bool numbers_periods(const GrayDecoder& decoder, const FringeGroup& group) {
 
 // True if neighboring orders differ in more than one bit, of which motion may leave one at an edge.
 bool numbers_half_periods(const GrayDecoder& decoder, const FringeGroup& group) {
-  return decoder.cell_px() <= kHalf * group.period_px;
+  return decoder.cell_px() <= kHalfPeriod * group.period_px;
 }
 
 std::vector<EnsembleMember> ensemble_members(const PatternSequence& sequence, const RigModel& rig,
@@ -350,7 +350,7 @@ void prior_row(const CoordinatePrior& expected, int row, double period_px, RowPr
 // At the edge between two cells, noise may select either neighbour; this is harmless for cells of half a period.
 void gray_row(const GrayDecoder& gray, const RowPlan& plan, const float* const* samples, RowPrior& anchor) {
   const double cell = gray.cell_px(), period = plan.period_px;
-  const bool neighbours_matter = cell > kHalf * period;
+  const bool neighbours_matter = cell > kHalfPeriod * period;
   for (size_t i = 0; i < anchor.turns.size(); ++i) {
     const GrayDecoder::Reading reading = gray.read(plan, samples, static_cast<int>(i));
     const double failure = reading.far + (neighbours_matter ? reading.neighbour : 0);
@@ -566,8 +566,11 @@ void decode_images(DecodedStack& out, const FringeStack& stack, const PatternSeq
   std::optional<GrayDecoder> gray;
   if (method == Unwrapping::gray) gray.emplace(sequence, context.axis, groups.empty() ? nullptr : &plan.groups.back());
   std::optional<GrayOrdersInMotion> moving_gray;
-  if (gray_in_motion) moving_gray.emplace(sequence, context.axis, plan.period_px);
-  RowPlan wrapped_only = plan;
+  RowPlan wrapped_only;
+  if (gray_in_motion) {
+    moving_gray.emplace(sequence, context.axis, plan.period_px);
+    wrapped_only = plan;
+  }
   std::optional<MicroDecoder> micro;
   if (method == Unwrapping::micro) {
     if (context.aligned) throw Error("decode: images in motion cannot be decoded by micro phase shifting");
