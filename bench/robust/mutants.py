@@ -5,10 +5,11 @@
 mutants.py FIRST LAST MINUTES   (MINUTES 0: no limit)
 
 Mutant N is a random change that compiles, and depends on N and the committed sources alone. Each worker has a copy of the sources
-and a build of its own below build/mutants. First those tests run whose file has the name of the changed file or of its folder, then
-all of core_tests and sim_tests, and tools_tests for the folders that it tests. build/mutants/results.jsonl keeps the results, so
-that a later run continues. Prints a JSON object on standard output and progress on standard error; exits with 2 if the unchanged
-sources do not build or pass their tests.
+and a build of its own below build/mutants. core_tests runs for all mutants first; then sim_tests, and tools_tests for the folders
+that it tests, run for those that survive. Of each program, the tests in files named like the changed file or its folder run first,
+then the quick ones. build/mutants/results.jsonl keeps the results, so that a later run continues. Prints a JSON object on standard
+output and progress on standard error: mutants that were not tried with all programs count as undetected. Exits with 2 if the
+unchanged sources do not build or pass their tests.
 """
 import concurrent.futures
 import json
@@ -29,7 +30,8 @@ WORK = ROOT / "build" / "mutants"
 RESULTS = WORK / "results.jsonl"
 PROGRAMS = ("core_tests", "sim_tests", "tools_tests")
 TESTED_BY_TOOLS = {"check", "import", "io", "rig", "score", "storage"}  # folders of core; the program's tests run for minutes
-MOST_SECONDS = 1200  # of one test program: an endless loop counts as detected
+BUILD_SECONDS = 7200
+QUICK_SECONDS = 1.0  # a test that takes no longer runs before the others
 MOST_DRAWS = 50
 
 # Comments, strings, characters and preprocessor lines are skipped. Binary operators stand between spaces (clang-format), unlike
@@ -70,18 +72,29 @@ def places(files):
     return found
 
 
-def nearest_tests(name):
-    """Returns (program, filter) of the tests in files named like the source file or its folder."""
-    path, found = pathlib.Path(name), []
-    for program in PROGRAMS:
-        suites = set()
-        for stem in (path.stem, path.parent.name):
-            test = ROOT / "tests" / program.removesuffix("_tests") / f"{stem}_test.cpp"
-            if test.exists():
-                suites |= set(re.findall(r"^(?:TEST|TEST_F)\((\w+),", test.read_text(encoding="utf-8"), re.M))
-        if suites:
-            found.append((program, ":".join(f"{suite}.*" for suite in sorted(suites))))
-    return found
+def programs_for(name):
+    return [program for program in PROGRAMS if program != "tools_tests" or pathlib.Path(name).parent.name in TESTED_BY_TOOLS]
+
+
+def nearest_suites(name, program):
+    """Returns the names of the test suites in files that are named like the source file or its folder."""
+    path, suites = pathlib.Path(name), set()
+    for stem in (path.stem, path.parent.name):
+        test = ROOT / "tests" / program.removesuffix("_tests") / f"{stem}_test.cpp"
+        if test.exists():
+            suites |= set(re.findall(r"^TEST(?:_F|_P)?\((\w+),", test.read_text(encoding="utf-8"), re.M))
+    return suites
+
+
+def stages(name, program, durations):
+    """Returns (filter, seconds that its tests take) of the tests near to a source file, of all quick ones, and of the others."""
+
+    suites = nearest_suites(name, program)
+    nearest = [test for test in durations if suites & set(test.partition(".")[0].split("/"))]  # INSTANTIATION/SUITE
+    slow = sorted((test for test in durations if durations[test] > QUICK_SECONDS), key=durations.get)
+    quick = [test for test in durations if durations[test] <= QUICK_SECONDS]
+    found = [(nearest, ":".join(sorted(nearest))), (quick, "-" + ":".join(slow)), (slow, ":".join(slow))]
+    return [(text, sum(durations[test] for test in tests)) for tests, text in found if tests]
 
 
 class Worker:
@@ -96,9 +109,7 @@ class Worker:
         subprocess.run(["tar", "-x", "-m", "-C", self.source], check=True, input=archive)
         (self.folder / "tmp").mkdir(exist_ok=True)
         self.run(["cmake", "-S", self.source, "-B", self.build, "-G", "Ninja", "-DCMAKE_BUILD_TYPE=Release",
-                  "-DFRINGESLAM_UNITY=OFF", "-DFRINGESLAM_BENCH=OFF", "-DFRINGESLAM_PYTHON=OFF", "-DFRINGESLAM_REPORT=OFF"], MOST_SECONDS)  # fmt: skip
-        if not self.compiles():
-            sys.exit(f"mutants: {self.build}: the unchanged sources do not build")
+                  "-DFRINGESLAM_UNITY=OFF", "-DFRINGESLAM_BENCH=OFF", "-DFRINGESLAM_PYTHON=OFF", "-DFRINGESLAM_REPORT=OFF"], BUILD_SECONDS)  # fmt: skip
 
     def run(self, command, seconds, **environment):
         """Returns the exit code, or None after `seconds`; ends all processes of the command."""
@@ -116,38 +127,55 @@ class Worker:
                 pass
             process.wait()
 
-    def compiles(self):
-        return self.run(["ninja", "-C", self.build, "-j1", *PROGRAMS], 3600) == 0
+    def builds(self, program):
+        return self.run(["ninja", "-C", self.build, "-j1", program], BUILD_SECONDS) == 0
 
-    def detected_by(self, name):
-        """Returns what detects the change: a test program, "timeout", or an empty text."""
-        everything = [(program, "*") for program in PROGRAMS]
-        if name and pathlib.Path(name).parent.name not in TESTED_BY_TOOLS:
-            everything.pop()
-        for program, tests in nearest_tests(name) + everything:
-            command = [self.build / "tests" / program.removesuffix("_tests") / program, "--gtest_brief=1", f"--gtest_filter={tests}"]
-            code = self.run(command, MOST_SECONDS, GTEST_FAIL_FAST="1")
+    def executable(self, program):
+        return self.build / "tests" / program.removesuffix("_tests") / program
+
+    def durations(self, program):
+        """Builds and runs a test program of the unchanged sources; returns the seconds that each test takes."""
+        if not self.builds(program):
+            sys.exit(f"mutants: {self.folder / 'log'}: {program} of the unchanged sources does not build")
+        report = self.folder / "tests.json"
+        report.unlink(missing_ok=True)
+        if self.run([self.executable(program), f"--gtest_output=json:{report}"], BUILD_SECONDS) != 0:
+            sys.exit(f"mutants: {self.folder / 'log'}: {program} of the unchanged sources fails")
+        suites = json.loads(report.read_text(encoding="utf-8"))["testsuites"]
+        tests = [(f"{suite['name']}.{test['name']}", test["time"]) for suite in suites for test in suite["testsuite"]]
+        return {name: float(seconds.removesuffix("s")) for name, seconds in tests}
+
+    def detected_by(self, name, program, durations):
+        """Returns what detects the change: the test program, "timeout", or an empty text."""
+        for tests, seconds in stages(name, program, durations):
+            command = [self.executable(program), "--gtest_brief=1", f"--gtest_filter={tests}"]
+            code = self.run(command, 60 + 5 * seconds, GTEST_FAIL_FAST="1")  # an endless loop counts as detected
             if code != 0:
                 return "timeout" if code is None else program
         return ""
 
-    def judge(self, number, files, candidates):
-        draw = random.Random(number)
-        for _ in range(MOST_DRAWS):
-            name, first, last, token = draw.choice(candidates)
-            text, changed = files[name], replacement(token)
-            path = self.source / name
-            path.write_text(text[:first] + changed + text[last:], encoding="utf-8")
-            try:
-                if not self.compiles():
-                    continue
-                by = self.detected_by(name)
-            finally:
-                path.write_text(text, encoding="utf-8")
-            line = text.count("\n", 0, first) + 1
-            return {"mutant": number, "file": name, "line": line, "from": token, "to": changed, "detected_by": by,
-                    "text": text.splitlines()[line - 1].strip()}  # fmt: skip
-        sys.exit(f"mutants: mutant {number}: none of {MOST_DRAWS} changes compiles")
+    def judge(self, mutant, files, program, durations):
+        """Returns the mutant with what detects it, or None if it does not compile."""
+        name, first, to = mutant["file"], mutant["first"], mutant["to"]
+        text, path = files[name], self.source / name
+        path.write_text(text[:first] + to + text[first + len(mutant["from"]) :], encoding="utf-8")
+        try:
+            if not self.builds(program):
+                return None
+            by = self.detected_by(name, program, durations)
+        finally:
+            path.write_text(text, encoding="utf-8")
+        return {**mutant, "detected_by": by, "tried": mutant["tried"] + [program]}
+
+
+def drawn(number, files, candidates):
+    """Yields the changes that mutant `number` may be: the first one that compiles is the mutant."""
+    draw = random.Random(number)
+    for _ in range(MOST_DRAWS):
+        name, first, _, token = draw.choice(candidates)
+        line = files[name].count("\n", 0, first) + 1
+        yield {"mutant": number, "file": name, "line": line, "first": first, "from": token, "to": replacement(token), "tried": [],
+               "text": files[name].splitlines()[line - 1].strip()}  # fmt: skip
 
 
 def earlier_results(commit):
@@ -165,32 +193,51 @@ def main(first, last, minutes):
     candidates = places(files)
     WORK.mkdir(parents=True, exist_ok=True)
     results = earlier_results(commit)
-    waiting, lock, workers = queue.SimpleQueue(), threading.Lock(), os.cpu_count() or 1
-    for number in range(first, last + 1):
-        if number not in results:
-            waiting.put(number)
+    lock, count = threading.Lock(), os.cpu_count() or 1
     print(f"  {len(candidates)} tokens in {len(files)} files; building", file=sys.stderr, flush=True)
+    workers = [Worker(index, commit) for index in range(count)]
 
-    def work(index):
-        worker = Worker(index, commit)
-        if index == 0 and worker.detected_by(""):
-            sys.exit(f"mutants: the unchanged sources fail their tests; see {worker.folder / 'log'}")
+    def work(worker, program, durations, waiting):
         while time.monotonic() < end:
             try:
                 number = waiting.get_nowait()
             except queue.Empty:
                 return
-            result = {"commit": commit, **worker.judge(number, files, candidates)}
+            choices = [results[number]] if number in results else drawn(number, files, candidates)
+            result = next(filter(None, (worker.judge(choice, files, program, durations) for choice in choices)), None)
+            if not result:
+                sys.exit(f"mutants: {worker.folder / 'log'}: {program} of mutant {number} does not build")
             with lock, RESULTS.open("a", encoding="utf-8") as log:
-                log.write(json.dumps(result) + "\n")
+                log.write(json.dumps({**result, "commit": commit}) + "\n")
                 results[number] = result
                 print(f"  {number}: {result['file']}:{result['line']}: {result['from']} -> {result['to'] or 'nothing'}: "
-                      f"{result['detected_by'] or 'SURVIVES'}", file=sys.stderr, flush=True)  # fmt: skip
+                      f"{result['detected_by'] or 'survives ' + program}", file=sys.stderr, flush=True)  # fmt: skip
 
-    with concurrent.futures.ThreadPoolExecutor(workers) as pool:
-        for done in [pool.submit(work, index) for index in range(workers)]:
-            done.result()
+    def needs(number, program):
+        if number not in results:
+            return program == PROGRAMS[0]
+        result = results[number]
+        return not result["detected_by"] and program not in result["tried"] and program in programs_for(result["file"])
+
+    for program in PROGRAMS:
+        waiting = queue.SimpleQueue()
+        for number in range(first, last + 1):
+            if needs(number, program):
+                waiting.put(number)
+        if waiting.empty() or time.monotonic() > end:
+            continue
+        with concurrent.futures.ThreadPoolExecutor(count) as pool:
+            # The first build fills the compiler cache for the others.
+            durations = workers[0].durations(program)
+            for built in [pool.submit(worker.builds, program) for worker in workers[1:]]:
+                if not built.result():
+                    sys.exit(f"mutants: {program} of the unchanged sources does not build")
+            for done in [pool.submit(work, worker, program, durations, waiting) for worker in workers]:
+                done.result()
     chosen = [result for number, result in sorted(results.items()) if first <= number <= last]
+    undecided = sum(any(needs(result["mutant"], program) for program in PROGRAMS) for result in chosen)
+    if undecided:
+        print(f"  {undecided} survivors were not tried with all programs", file=sys.stderr, flush=True)
     print(json.dumps({"mutants": len(chosen), "detected": sum(bool(result["detected_by"]) for result in chosen)}))
 
 
