@@ -169,8 +169,8 @@ class Check {
   // True if a difference of levels is nothing but noise. Noise is independent from pixel to pixel, so that the products of
   // neighbors average to the square of the rest: waves are alike at neighbors across them or along them.
   template <class Difference>
-  bool only_noise(const Difference& difference) const {
-    constexpr double kMostShared = 0.04, kMost = 0.3;  // RMS; two waves differ by 0.5
+  bool only_noise(const Difference& difference, double most_shared = 0.04) const {
+    constexpr double kMost = 0.3;  // RMS, as most_shared; two waves differ by 0.5
     double shared = 0, squares = 0;
     size_t count = 0;
     for (const auto& pairs : levels_.neighbors) {
@@ -183,7 +183,7 @@ class Check {
       if (!pairs.empty()) shared = std::max(shared, sum / static_cast<double>(pairs.size()));
       count += pairs.size();
     }
-    return count > 0 && shared < kMostShared * kMostShared && squares < kMost * kMost * static_cast<double>(count);
+    return count > 0 && shared < most_shared * most_shared && squares < kMost * kMost * static_cast<double>(count);
   }
 
   // Both values of a bit are in view. On a small object, several coarse bits may be constant and equal; where one of two
@@ -266,7 +266,8 @@ class Check {
         for (size_t n = 1; n < steps.size(); ++n) steps[n].add(fit.step(waves, n), linear[n] - linear[n - 1]);
       }
       if (evenly_spaced(group)) {
-        if (too_many([&](size_t p) { return left[p] > options_.cosine_tolerance; })) return these;
+        if (too_many([&](size_t p) { return left[p] > options_.cosine_tolerance; }) && !noisy_cosines(group, waves))
+          return these;
         if (auto fault = repeated(group, steps, squares)) return fault;
       }
       // The phase of the coarsest period is absolute; it determines the fringe order of the next finer period, and so
@@ -343,11 +344,14 @@ class Check {
     float turns = 0;              // phase
     float left = 0;               // root of the summed squared residuals
     double sine = 0, cosine = 0;  // amplitudes
+    double mean = 0;
+
+    double level(const Waves& waves, size_t n) const {
+      return mean + cosine * waves.cosines[n] - sine * waves.sines[n];
+    }
 
     // The cosine's change from the image before the n-th.
-    double step(const Waves& waves, size_t n) const {
-      return cosine * (waves.cosines[n] - waves.cosines[n - 1]) - sine * (waves.sines[n] - waves.sines[n - 1]);
-    }
+    double step(const Waves& waves, size_t n) const { return level(waves, n) - level(waves, n - 1); }
   };
   // Also returns the linearised levels.
   Fit fit_of(const FringeGroup& group, const Waves& waves, size_t p, std::vector<double>& linear) const {
@@ -362,7 +366,23 @@ class Check {
     const double turns = std::atan2(sine, cosine) / kTwoPi, count = static_cast<double>(group.images.size());
     const double explained = (sum * sum + 2 * (sine * sine + cosine * cosine)) / count;
     return {static_cast<float>(turns - std::floor(turns)),
-            static_cast<float>(std::sqrt(std::max(0.0, squares - explained))), 2 * sine / count, 2 * cosine / count};
+            static_cast<float>(std::sqrt(std::max(0.0, squares - explained))), 2 * sine / count, 2 * cosine / count,
+            sum / count};
+  }
+
+  // True if the levels differ from the fitted cosines by noise only, as they do in dark scenes, where the tolerance is small
+  // against the noise, and with many images per period. The inverse response biases the darkest levels.
+  bool noisy_cosines(const FringeGroup& group, const Waves& waves) const {
+    constexpr double kMostShared = 0.08;  // a wrong one of four images differs by 0.12, and by more with more images
+    std::vector<std::vector<float>> left(group.images.size(), std::vector<float>(levels_.pixels));
+    std::vector<double> linear(group.images.size());
+    for (size_t p = 0; p < levels_.pixels; ++p) {
+      const Fit fit = fit_of(group, waves, p, linear);
+      for (size_t n = 0; n < linear.size(); ++n) left[n][p] = static_cast<float>(linear[n] - fit.level(waves, n));
+    }
+    return std::all_of(left.begin(), left.end(), [this](const std::vector<float>& of) {
+      return only_noise([&of](size_t p) { return static_cast<double>(of[p]); }, kMostShared);
+    });
   }
 
   // Sums, over the pixels, of the change from one image of a period to the next: that of the fitted cosine squared, and

@@ -35,7 +35,7 @@ struct SequenceCheckOptions {
   double saturation = 0.98;        // relative to full scale; brighter pixels are not used
   double tolerance = 0.12;         // of a level that should be 0 or 1
   double mean_tolerance = 0.08;    // of the mean of a period's images
-  double cosine_tolerance = 0.15;  // root of the summed squared residuals of the cosine fit
+  double cosine_tolerance = 0.15;  // root of the summed squared residuals of the cosine fit, unless they are noise
   double max_outliers = 0.25;      // allowed share of violating pixels: edges, interreflection, gloss
   double min_pixels = 0.02;        // required share of pixels with sufficient contrast
 };
