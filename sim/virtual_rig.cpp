@@ -44,6 +44,13 @@ void label(TruthFrame& truth, int index, const TimedPose& pose) {
   truth.world_from_robot = pose.world_from_robot;
 }
 
+double shortest_interval_s(const Trajectory& trajectory) {
+  double shortest_s = INFINITY;
+  for (size_t i = 1; i < trajectory.size(); ++i)
+    shortest_s = std::min(shortest_s, trajectory[i].timestamp_s - trajectory[i - 1].timestamp_s);
+  return shortest_s;
+}
+
 }  // namespace
 
 void RenderOptions::check() const {
@@ -110,7 +117,7 @@ Pose VirtualRig::robot_at(const TimedPose& reference, double time_s) const {
 std::vector<Pose> VirtualRig::camera_poses(const TimedPose& reference, double middle_s, double exposure_s) const {
   // The rays of a pixel are shared evenly among the steps; otherwise the mean time would not be the middle.
   int steps = std::min(options_.effects.exposure_steps, options_.samples_per_pixel);
-  if (options_.samples_per_pixel % steps != 0) steps = options_.samples_per_pixel;
+  while (options_.samples_per_pixel % steps != 0) ++steps;
   std::vector<Pose> poses;
   for (int step = 0; step < steps; ++step) {
     const double time_s = middle_s + ((step + 0.5) / steps - 0.5) * exposure_s;
@@ -158,6 +165,10 @@ std::optional<FringeStack> VirtualRig::next_stack(const PatternSequence& sequenc
                 " images per view at " + to_text(timing.camera_rate_hz) + " images/s take " + to_text(duration_s) +
                 " s, so the camera cannot take " + to_text(scene_.view_rate_hz) +
                 " views/s; use a lower view rate or fewer patterns");
+  if (moving() && !scene_.path && duration_s > shortest_interval_s(scene_.trajectory) + 1e-9)
+    throw Error("trajectory.interval_s: " + std::to_string(sequence.patterns.size()) + " images per view at " +
+                to_text(timing.camera_rate_hz) + " images/s take " + to_text(duration_s) +
+                " s, so a view would begin before the one before it ends; use a longer interval or fewer patterns");
   const std::optional<Schedule> when = schedule(sequence);
   if (!when) return std::nullopt;
   const TimedPose& pose = when->reference;

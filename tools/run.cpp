@@ -101,6 +101,7 @@ class Emptiness {
     tracked_ += has_pose(result.tracking);
     if (!has_pose(result.tracking)) lost_[stack.index] = {valid, result.frame.points_m.total()};
     motion_unknown_ += result.motion_unknown();
+    motion_untested_ += result.motion_untested && result.tracking != Tracking::first;
     for (const std::shared_ptr<const FrameResult>& recovered : result.recovered)
       tracked_ += static_cast<int>(lost_.erase(recovered->frame.index));
   }
@@ -115,6 +116,14 @@ class Emptiness {
                                " pixels have a depth: check its images"
                          : ", whose surface was not found in the map") +
            " (see frames.json)";
+  }
+  // Returns one line about views of which nothing shows whether the robot stopped for them, or nothing if there are none.
+  std::string untested() const {
+    if (motion_untested_ == 0) return "";
+    return std::to_string(motion_untested_) + " of " + std::to_string(views_) +
+           " views cannot show whether the robot stopped for them, as with one fringe period: their covariances allow "
+           "for a "
+           "motion as between views; if it did stop, add --set tracking.at_rest=true";
   }
   // Returns one line, or nothing if the result is not nearly empty.
   std::string reason(RigModel rig, const DepthOptions& depth) const {
@@ -150,7 +159,7 @@ class Emptiness {
   std::optional<FringeStack> first_;
   std::map<int, LostView> lost_;  // by the index of the stack
   int64_t pixels_ = 0, valid_ = 0;
-  int views_ = 0, tracked_ = 0, motion_unknown_ = 0;
+  int views_ = 0, tracked_ = 0, motion_unknown_ = 0, motion_untested_ = 0;
 };
 
 // Names the images that do not show their pattern: the camera or the projector dropped or repeated one.
@@ -427,6 +436,8 @@ int run(const RunArguments& arguments, const Common& common) {
   }
   if (const std::string lost = emptiness.lost(); !lost.empty() && !common.json)
     std::fprintf(stderr, "%s: %s\n", arguments.source.c_str(), lost.c_str());
+  if (const std::string untested = emptiness.untested(); !untested.empty() && !common.json)
+    std::fprintf(stderr, "%s: %s\n", arguments.source.c_str(), untested.c_str());
   const std::string reason = emptiness.reason(rig->model(), settings.pipeline.depth);
   if (!reason.empty()) std::fprintf(stderr, "fringeslam: %s: %s\n", arguments.source.c_str(), reason.c_str());
   if (live && arguments.live_wait) {

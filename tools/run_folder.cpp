@@ -152,7 +152,9 @@ nlohmann::ordered_json frame_json(const FrameResult& result, const cv::Mat1f& de
     for (const AlternativePose& other : result.registration.alternatives)
       entry["alternatives"].push_back(alternative_json(other.target_from_source, other.log_likelihood));
   }
-  if (result.motion && result.motion->converged) {
+  if (result.motion_untested) {
+    entry["motion_untested"] = true;
+  } else if (result.motion && result.motion->converged) {
     const CameraMotion& during = result.motion->motion;
     const auto sigma = result.motion->covariance.diagonal().cwiseSqrt();
     entry["speed_m_s"] = during.velocity_m_s.norm();

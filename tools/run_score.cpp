@@ -194,8 +194,12 @@ RunScore score_run(const fs::path& folder, const TrajectoryOptions& options, con
     const Trajectory true_poses = read_tum(exposures);
     TrajectoryOptions aligned = options;
     aligned.align = Alignment::none;
-    if (associate(poses, true_poses, aligned.max_gap_s).size() >= 2)
+    if (associate(poses, true_poses, aligned.max_gap_s).size() >= 2) {
       score.images = score_trajectory(poses, true_poses, aligned);
+      // Alignment by the first image would turn all others by the error of its rotation.
+      aligned.relation = PoseRelation::translation;
+      score.images->ate_rmse_m = score_trajectory(poses, true_poses, aligned).ape.rmse;
+    }
   }
   if (pairs.size() >= 2) score.trajectory = score_trajectory(estimate, truth, options);
   return score;

@@ -227,7 +227,20 @@ std::string check_spec(const Spec& spec) {
         throw Error("the trajectory has " + std::to_string(scene.trajectory.size()) +
                     " views, fewer than 'views' of this dataset");
       // A resolved scene has the names of its meshes only.
-      identity += "\n" + scene.resolved + to_yaml(scene.rig) + sim::contents_hash(files);
+      std::vector<studies::Trial> others = studies::trials_of_all_texts(spec, first);
+      others.erase(others.begin());
+      for (const studies::Trial& other : others) {
+        try {
+          (void)scene_of(spec, other, &files);
+        } catch (const Error&) {
+          // Listed with the samples that the simulator refuses.
+        }
+      }
+      std::vector<fs::path> distinct;
+      for (const fs::path& each : files) {
+        if (std::find(distinct.begin(), distinct.end(), each) == distinct.end()) distinct.push_back(each);
+      }
+      identity += "\n" + scene.resolved + to_yaml(scene.rig) + sim::contents_hash(distinct);
       thermal |= scene.rig.thermal.has_value();
     } catch (const Error& e) {
       // An error in a pattern sequence is reported with its line here instead of the scene's.

@@ -3,7 +3,9 @@
 
 #include <algorithm>
 #include <array>
+#include <charconv>
 #include <cmath>
+#include <numeric>
 
 #include "bench/studies/trial_settings.h"
 #include "core/base/fnv.h"
@@ -45,6 +47,12 @@ Parameter read_parameter(const std::string& name, const YamlMap& map) {
     throw map.error(law, parameter.law == Law::normal ? "sigma must not be negative" : "put the smaller number first");
   if (parameter.law == Law::log_uniform && parameter.a <= 0) throw map.error(law, "the bounds must be above 0");
   return parameter;
+}
+
+bool is_number(const std::string& value) {
+  double number = 0;
+  const char* const end = value.data() + value.size();
+  return std::from_chars(value.data(), end, number).ptr == end;
 }
 
 // The draws of a trial, in which one parameter may come from another trial.
@@ -154,9 +162,32 @@ Trial trial_of(const Sampling& sampling, int index) {
   return trial;
 }
 
+std::vector<Trial> trials_of_all_texts(const Sampling& sampling, const Trial& trial) {
+  std::vector<Trial> trials = {trial};
+  for (size_t p = 0; p < sampling.parameters.size(); ++p) {
+    if (sampling.parameters[p].setting) continue;
+    for (const std::string& value : sampling.parameters[p].values) {
+      if (value == trial.values[p] || is_number(value)) continue;
+      trials.push_back(trial);
+      trials.back().values[p] = value;
+    }
+  }
+  return trials;
+}
+
 int world_of(const Sampling& sampling, int index) {
   const int row = index / row_length(sampling);
-  return sampling.worlds > 0 ? row % sampling.worlds : row;
+  if (sampling.worlds <= 0) return row;
+  if (sampling.design == Design::saltelli) return row % sampling.worlds;
+  // If the numbers of combinations and of worlds have a common divisor, plain cycling would pair them in the same way for ever.
+  // More combinations than trials need no shift.
+  int64_t combinations = 1;
+  for (const Parameter& parameter : sampling.parameters) {
+    if (parameter.law == Law::grid && combinations <= row)
+      combinations *= static_cast<int64_t>(parameter.values.size());
+  }
+  const int64_t shift = row / std::lcm(combinations, static_cast<int64_t>(sampling.worlds));
+  return static_cast<int>((row + shift) % sampling.worlds);
 }
 
 std::string drawn_value(const Sampling& sampling, int trial, const Parameter& parameter) {

@@ -76,7 +76,12 @@ struct Trial {
 
 Trial trial_of(const Sampling& sampling, int index);
 
-// Returns the number of a trial's world, from 0.
+// Returns the trial, and the trial with each other text of each of the scene's keys that are drawn from a list: together they
+// use the files that any trial uses, unless the choice of one file depends on another key.
+std::vector<Trial> trials_of_all_texts(const Sampling& sampling, const Trial& trial);
+
+// Returns the number of a trial's world, from 0. Worlds are cycled through so that each combination of grid values meets
+// all of them.
 int world_of(const Sampling& sampling, int index);
 
 // Returns the value of a parameter in a trial of a random design.

@@ -63,15 +63,17 @@ Study read_study(const fs::path& file) {
 
 void hash_files(Study& study) {
   std::vector<fs::path> files = sim::named_files(study.scene), read;
-  try {
-    (void)scene_of(study, trial_of(study, 0), &read);
-  } catch (const Error&) {
-    // check_study() reports it.
+  for (const Trial& trial : trials_of_all_texts(study, trial_of(study, 0))) {
+    try {
+      (void)scene_of(study, trial, &read);
+    } catch (const Error&) {
+      // check_study() reports it, or the trials that use it.
+    }
   }
   study.files_hash = sim::contents_hash(files);
   // Their order must not depend on the folders of a machine.
   std::set<std::string> others;
-  for (const fs::path& file : read) {
+  for (const fs::path& file : std::set<fs::path>(read.begin(), read.end())) {
     if (std::find(files.begin(), files.end(), file) == files.end())
       others.insert(file.filename().string() + " " + sim::contents_hash({file}) + "\n");
   }

@@ -55,19 +55,42 @@ FRINGESLAM_INLINE void sum_body(const RowPairs& rows, int cols, float* sums) {
   }
 }
 
+// One half of a Gaussian at whole pixels.
+struct Sampled {
+  std::vector<double> weights{1};
+  double sum = 1, variance = 0;  // of both halves
+
+  Sampled(double sigma, int radius) {
+    for (int i = 1; i <= radius; ++i) {
+      weights.push_back(std::exp(-i * i / (2 * sigma * sigma)));
+      sum += 2 * weights.back();
+      variance += 2 * i * i * weights.back();
+    }
+    variance /= sum;
+  }
+
+  std::vector<float> half() const {
+    std::vector<float> half;
+    for (const double weight : weights) half.push_back(static_cast<float>(weight / sum));
+    return half;
+  }
+};
+
 }  // namespace
 
 std::vector<float> gaussian_half(double sigma, double reach) {
-  const int radius = static_cast<int>(std::ceil(reach * sigma));
-  std::vector<double> weights;
-  double sum = 0;
-  for (int i = 0; i <= radius; ++i) {
-    weights.push_back(std::exp(-i * i / (2 * sigma * sigma)));
-    sum += i == 0 ? weights.back() : 2 * weights.back();
+  return Sampled(sigma, static_cast<int>(std::ceil(reach * sigma))).half();
+}
+
+std::vector<float> point_spread_half(double sigma) {
+  const int radius = static_cast<int>(std::ceil(4 * sigma));
+  // The bell whose samples have the variance is wider than sigma.
+  double low = 0, high = sigma + 0.5;
+  for (int i = 0; i < 40; ++i) {
+    const double middle = (low + high) / 2;
+    (Sampled(middle, radius).variance < sigma * sigma ? low : high) = middle;
   }
-  std::vector<float> half;
-  for (const double weight : weights) half.push_back(static_cast<float>(weight / sum));
-  return half;
+  return Sampled(high, radius).half();
 }
 
 cv::Mat1f filtered(const cv::Mat& given, const std::vector<float>& half, FilterBorder border, InstructionSet set) {

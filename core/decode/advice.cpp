@@ -334,7 +334,7 @@ ObservedMotion observed_motion(const FringeStack& stack, const RigModel& rig, co
                                const cv::Mat1f& depth_m, Axis axis) {
   if (has_exposures(stack.patterns) || fringe_groups(stack.patterns, axis).size() < 2) return ObservedMotion::unknown;
   const double clip_dn = DecodeOptions().saturation * rig.sensor.saturation_dn();
-  if (!shows_motion(stack, rig, rays, depth_m, clip_dn, axis)) return ObservedMotion::none;
+  if (!shows_motion(stack, rig, rays, depth_m, clip_dn, axis).value_or(false)) return ObservedMotion::none;
   // Indirect light makes the periods disagree, too, but no motion explains it.
   const StackMotion found =
       estimate_stack_motion(stack, rig, rays, depth_m, clip_dn, unknown_motion({}), MotionSearch::wide, axis);

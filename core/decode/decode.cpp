@@ -226,45 +226,22 @@ std::vector<double> shifts_after_drift(const FringeGroup& group, const AlignedSt
   return shifts_rad;
 }
 
-// Equally spaced shifts, and how far the given ones are from them at most.
-struct EvenShifts {
-  std::vector<double> shifts_rad;
-  double off_rad = 0;
-};
-
-EvenShifts nearest_even(std::vector<double> shifts_rad) {
-  for (double& shift : shifts_rad) shift -= kTwoPi * std::floor(shift / kTwoPi);
-  std::sort(shifts_rad.begin(), shifts_rad.end());
-  const auto n = static_cast<double>(shifts_rad.size());
-  double first = 0;
-  for (size_t i = 0; i < shifts_rad.size(); ++i) first += (shifts_rad[i] - kTwoPi * static_cast<double>(i) / n) / n;
-  EvenShifts even;
-  for (size_t i = 0; i < shifts_rad.size(); ++i) {
-    even.shifts_rad.push_back(first + kTwoPi * static_cast<double>(i) / n);
-    even.off_rad = std::max(even.off_rad, std::abs(shifts_rad[i] - even.shifts_rad.back()));
-  }
-  return even;
-}
-
-// Corrects a phase for the projector's response. In motion, the drift changes the shifts: the correction is that of the
-// nearest equally spaced ones, and an error remains that grows with the distance from them.
+// Corrects a phase for the projector's response. In motion, the drift changes the shifts, and so do those that anticipate a
+// motion: the correction is that of the nearest equally spaced ones, and an error remains that grows with the distance from them.
 void set_correction(StepEstimator& estimator, FringeGroup group, const PhaseCorrection& correction,
                     const AlignedStack* aligned) {
-  constexpr double kLargest_rad = kPi / 12, kRemaining = 3.5;
   const bool usable = !correction.offset_rad.empty() && correction.steps == static_cast<int>(group.images.size());
-  if (!aligned || !usable) {
-    estimator.correction_turns = correction_of(group, correction);
-    return;
-  }
-  const EvenShifts even = nearest_even(shifts_after_drift(group, *aligned));
+  if (!usable) return;
+  if (!aligned) estimator.correction_turns = correction_of(group, correction);
+  if (!estimator.correction_turns.empty()) return;
+  const EvenShifts even = nearest_even(aligned ? shifts_after_drift(group, *aligned) : group.shifts_rad);
   group.shifts_rad = even.shifts_rad;
   estimator.correction_turns = correction_of(group, correction);
   double squares = 0;
   for (const float turns : estimator.correction_turns)
     squares += static_cast<double>(turns * turns) / static_cast<double>(estimator.correction_turns.size());
-  const double share = std::min(1.0, even.off_rad * static_cast<double>(correction.steps) / kPi);
-  estimator.error_turns2 = static_cast<float>(kRemaining * kRemaining * share * share * squares);
-  if (even.off_rad > kLargest_rad) estimator.correction_turns.clear();
+  estimator.error_turns2 = static_cast<float>(even.remaining() * squares);
+  if (!even.near()) estimator.correction_turns.clear();
 }
 
 // `corrected`: the patterns already compensate for the projector's response. `aligned`: images in motion.

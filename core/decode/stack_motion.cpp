@@ -13,9 +13,9 @@ namespace fringeslam {
 
 std::vector<DepthSlope> depth_slopes(const FringeStack& stack, const RigModel& rig, const PixelRays& rays,
                                      const cv::Mat1f& depth_m, double clip_dn, const CameraMotion& motion,
-                                     double period_px, int stride, Axis axis) {
+                                     double period_px, int stride, Axis axis, int steps) {
   check_stack(stack);
-  StackResiduals problem(stack, rig, rays, clip_dn, axis);
+  StackResiduals problem(stack, rig, rays, clip_dn, axis, steps);
   if (problem.periods() == 0) return {};
   problem.set_depth(depth_m, false);
   return problem.slopes(depth_m, motion, period_px, stride);
@@ -231,16 +231,16 @@ StackMotion estimate_stack_motion(const FringeStack& stack, const RigModel& rig,
   return result;
 }
 
-bool shows_motion(const FringeStack& stack, const RigModel& rig, const PixelRays& rays, const cv::Mat1f& depth_m,
-                  double clip_dn, Axis axis) {
+std::optional<bool> shows_motion(const FringeStack& stack, const RigModel& rig, const PixelRays& rays,
+                                 const cv::Mat1f& depth_m, double clip_dn, Axis axis) {
   // Far from the minimum, the linearised motion is too small; large residuals give it away.
   constexpr double kMaxRms = 1.3, kOutlierSigma = 8;
   constexpr int kStride = 5;
   StackResiduals problem(stack, rig, rays, clip_dn, axis);
-  if (problem.periods() < 2) return false;
+  if (problem.periods() < 2) return std::nullopt;
   problem.set_depth(depth_m, false);
   MotionSums sums = problem.linearise({}, kStride, kOutlierSigma);
-  if (sums.residuals < kLeastResiduals) return false;
+  if (sums.residuals < kLeastResiduals) return std::nullopt;
   if (sums.squares > kMaxRms * kMaxRms * sums.residuals) return true;
   ScaledPrior prior{information_of(unknown_motion({})), MotionVector::Zero()};
   sums = with_prior(sums, kStride, MotionVector::Zero(), prior);

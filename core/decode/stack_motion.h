@@ -8,6 +8,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <optional>
 #include <vector>
 
 #include "core/decode/decode.h"
@@ -30,15 +31,15 @@ StackMotion estimate_stack_motion(const FringeStack& stack, const RigModel& rig,
                                   const cv::Mat1f& depth_m, double clip_dn, const MotionPrior& prior,
                                   MotionSearch search, Axis axis = Axis::columns);
 
-// Returns false if the images of a stack agree with a camera at rest, or if the stack has one period only. A quick test;
-// true may also mean that the images contain other errors.
-bool shows_motion(const FringeStack& stack, const RigModel& rig, const PixelRays& rays, const cv::Mat1f& depth_m,
-                  double clip_dn, Axis axis = Axis::columns);
+// Returns false if the images of a stack agree with a camera at rest. A quick test; true may also mean that the images contain
+// other errors. Empty if the stack cannot show motion: it has one period only, or too few pixels with texture or fringes.
+std::optional<bool> shows_motion(const FringeStack& stack, const RigModel& rig, const PixelRays& rays,
+                                 const cv::Mat1f& depth_m, double clip_dn, Axis axis = Axis::columns);
 
 // Returns the slopes of every `stride`-th pixel with a known depth in every `stride`-th row, for the fringes of this period
-// in a stack decoded with this motion. `depth_m` is the decoded depth.
+// in a stack decoded with this motion. `depth_m` is the decoded depth; `steps`: as in the options of its decoding.
 std::vector<DepthSlope> depth_slopes(const FringeStack& stack, const RigModel& rig, const PixelRays& rays,
                                      const cv::Mat1f& depth_m, double clip_dn, const CameraMotion& motion,
-                                     double period_px, int stride, Axis axis = Axis::columns);
+                                     double period_px, int stride, Axis axis = Axis::columns, int steps = 0);
 
 }  // namespace fringeslam

@@ -29,11 +29,16 @@ struct Period {
   double period_px = 0;
   std::vector<size_t> images;
   std::vector<const Exposure*> exposures;  // of the images
-  // Errors that a nonlinear projector causes: of the phase over the measured phase, turns; of the mean relative to the
-  // modulation over the true phase, which is shifted for steps that are not centred on zero. Empty: none.
+  // Errors that a nonlinear projector causes with steps centred on zero: of the phase over the measured phase, turns; of the
+  // mean relative to the modulation over the true phase. Empty: none.
   std::vector<float> phase_error_turns;
   std::vector<double> mean_ripple;
-  double centre_turns = 0;
+  std::vector<double> shifts_rad;  // of the images
+  // At the current motion.
+  bool correctable = true;
+  double centre_turns = 0;  // shift of the tables' phases
+  double phase_variance = 0,
+         ripple_variance = 0;  // of the errors that remain, rad^2 and relative to the squared modulation
 };
 
 // Gaussian blur, at a lower resolution if it is wide.
@@ -61,11 +66,13 @@ struct RowSums {
 
 class StackResiduals::Impl {
  public:
-  Impl(const FringeStack& stack, const RigModel& rig, const PixelRays& rays, double clip_dn, Axis axis)
-      : rig_(rig), rays_(rays), follower_(rig, axis == Axis::columns ? 0 : 1) {
-    DecodeOptions all;
-    for (const FringeGroup& group : select_groups(stack.patterns, axis, all)) {
-      Period period{group.period_px, {}, {}, {}, {}, 0};
+  Impl(const FringeStack& stack, const RigModel& rig, const PixelRays& rays, double clip_dn, Axis axis, int steps)
+      : rig_(rig), rays_(rays), coordinate_(axis == Axis::columns ? 0 : 1), follower_(rig, coordinate_) {
+    DecodeOptions selected;
+    selected.steps = steps;
+    for (const FringeGroup& group : select_groups(stack.patterns, axis, selected)) {
+      Period period;
+      period.period_px = group.period_px;
       for (const int image : group.images) period.images.push_back(static_cast<size_t>(image));
       if (stack.patterns.inverse_response.empty()) set_errors(period, group);
       periods_.push_back(std::move(period));
@@ -94,7 +101,7 @@ class StackResiduals::Impl {
                                     [period_px](const Period& period) { return period.period_px == period_px; });
     if (found == periods_.end()) return {};
     const Period& of = *found;
-    move(motion);
+    move(motion, known_m);
     const int rows = (rays_.rows + stride - 1) / stride;
     std::vector<std::vector<DepthSlope>> of_rows(static_cast<size_t>(rows));
     for_each_range(rows, [&](int first, int end) {
@@ -150,7 +157,7 @@ class StackResiduals::Impl {
   }
 
   MotionSums linearise(const CameraMotion& motion, int stride, double outlier_sigma) {
-    move(motion);
+    move(motion, depth_m_);
     const int rows = (rays_.rows + stride - 1) / stride;
     std::vector<RowSums> of_rows(static_cast<size_t>(rows));
     for_each_range(rows, [&](int first, int end) {
@@ -178,12 +185,53 @@ class StackResiduals::Impl {
   }
 
  private:
-  void set_errors(Period& period, const FringeGroup& group) const {
+  void set_errors(Period& period, FringeGroup group) const {
+    period.shifts_rad = group.shifts_rad;
+    const auto steps = static_cast<double>(group.shifts_rad.size());
+    for (size_t k = 0; k < group.shifts_rad.size(); ++k)
+      group.shifts_rad[k] = kTwoPi * (static_cast<double>(k) - (steps - 1) / 2) / steps;
     period.phase_error_turns = correction_of(group, rig_.phase_correction);
     if (period.phase_error_turns.empty() || rig_.projector_response.empty()) return;
     period.mean_ripple = mean_ripple_of(rig_.projector_response, rig_.phase_correction.steps);
     period.mean_ripple.push_back(period.mean_ripple.front());
-    period.centre_turns = turns_from_centred(group.shifts_rad);
+  }
+
+  // Median drift of the fringes until an exposure, projector pixels.
+  double drift_px(const Exposure& exposure, const cv::Mat1f& depth_m) const {
+    constexpr int kStride = 32;
+    std::vector<double> drifts_px;
+    for (int row = kStride / 2; row < rays_.rows; row += kStride) {
+      for (int col = kStride / 2; col < rays_.cols; col += kStride) {
+        const auto z = static_cast<double>(depth_m(row, col));
+        if (std::isnan(z) || std::isnan(rays_(row, col)[0])) continue;
+        const Vector3d point = z * Vector3d(rays_(row, col)[0], rays_(row, col)[1], 1),
+                       here = rig_.projector_from_camera * point,
+                       there = rig_.projector_from_camera * (exposure.exposure_from_reference * point);
+        if (here.z() > 0 && there.z() > 0)
+          drifts_px.push_back((rig_.projector.project(there) - rig_.projector.project(here))[coordinate_]);
+      }
+    }
+    if (drifts_px.empty()) return 0;
+    const auto middle = drifts_px.begin() + static_cast<std::ptrdiff_t>(drifts_px.size() / 2);
+    std::nth_element(drifts_px.begin(), middle, drifts_px.end());
+    return *middle;
+  }
+
+  // The drift changes the shifts: errors are those of the nearest equally spaced ones, like in decode().
+  void set_shifts(Period& period, const cv::Mat1f& depth_m) const {
+    std::vector<double> shifts_rad = period.shifts_rad;
+    for (size_t k = 0; k < shifts_rad.size() && !at_rest_; ++k)
+      shifts_rad[k] += kTwoPi * drift_px(*period.exposures[k], depth_m) / period.period_px;
+    const EvenShifts even = nearest_even(shifts_rad);
+    period.correctable = even.near();
+    period.centre_turns = turns_from_centred(even.shifts_rad);
+    const auto mean_square = [](const auto& table) {
+      double sum = 0;
+      for (const auto error : table) sum += static_cast<double>(error) * static_cast<double>(error);
+      return table.empty() ? 0.0 : sum / static_cast<double>(table.size());
+    };
+    period.phase_variance = even.remaining() * kTwoPi * kTwoPi * mean_square(period.phase_error_turns);
+    period.ripple_variance = even.remaining() * mean_square(period.mean_ripple);
   }
 
   // Points of a row of the image, and their fits.
@@ -201,8 +249,11 @@ class StackResiduals::Impl {
   // Removes the errors of a nonlinear projector from a point's fit.
   static void correct(const Period& period, PeriodFits& fits, size_t p) {
     const auto entries = static_cast<double>(period.phase_error_turns.size());
-    double turns = fits.phase[p] / kTwoPi;
+    double turns = fits.phase[p] / kTwoPi + period.centre_turns;
     if (std::isnan(turns)) return;
+    fits.phase_variance[p] += period.phase_variance;
+    fits.mean_variance[p] += period.ripple_variance * fits.modulation[p] * fits.modulation[p];
+    if (!period.correctable) return;
     turns -= std::floor(turns);
     const double at = turns * entries, low = std::floor(at), share = at - low;
     const auto first = static_cast<size_t>(low) % period.phase_error_turns.size();
@@ -214,9 +265,12 @@ class StackResiduals::Impl {
     fits.mean[p] -= fits.modulation[p] * interpolate_table(period.mean_ripple, place - std::floor(place));
   }
 
-  void move(const CameraMotion& motion) {
+  void move(const CameraMotion& motion, const cv::Mat1f& depth_m) {
     for (Exposure& exposure : exposures_) exposure.exposure_from_reference = motion.at(exposure.time_s).inverse();
     at_rest_ = motion.is_still();
+    for (Period& period : periods_) {
+      if (!period.phase_error_turns.empty()) set_shifts(period, depth_m);
+    }
   }
 
   bool with_brightness() const { return !at_rest_ && !smooth_m_.empty(); }
@@ -285,9 +339,13 @@ class StackResiduals::Impl {
   void add_pixel(const Group& group, size_t p, double outlier_sigma, RowSums& sums) const {
     constexpr double kMinModulation = 4;
     const std::vector<PeriodFits>& fits = group.fits;
+    bool lit = blur_px_ > 0;  // a wide blur leaves no fringes
     for (const PeriodFits& fit : fits) {
       if (std::isnan(fit.mean[p])) return;
+      lit |= fit.modulation[p] > kMinModulation;
     }
+    // Noise of dark pixels agrees with every motion.
+    if (!lit) return;
     // Fringes that drift by about 60 degrees against their shifts leave mean and phase of their period nearly
     // undetermined, which amplifies errors that are not noise.
     constexpr double kMaxAmplification = 6;
@@ -347,6 +405,7 @@ class StackResiduals::Impl {
 
   const RigModel& rig_;
   const PixelRays& rays_;
+  int coordinate_;  // of the projector: 0: column, 1: row
   PointFollower follower_;
   std::vector<Exposure> exposures_;
   std::vector<Period> periods_;
@@ -359,8 +418,8 @@ class StackResiduals::Impl {
 };
 
 StackResiduals::StackResiduals(const FringeStack& stack, const RigModel& rig, const PixelRays& rays, double clip_dn,
-                               Axis axis)
-    : impl_(std::make_unique<Impl>(stack, rig, rays, clip_dn, axis)) {}
+                               Axis axis, int steps)
+    : impl_(std::make_unique<Impl>(stack, rig, rays, clip_dn, axis, steps)) {}
 StackResiduals::~StackResiduals() = default;
 
 size_t StackResiduals::periods() const { return impl_->periods(); }

@@ -25,8 +25,9 @@ struct MotionSums {
 
 class StackResiduals {
  public:
-  // Grey values from `clip_dn` on are saturated, and are left out.
-  StackResiduals(const FringeStack& stack, const RigModel& rig, const PixelRays& rays, double clip_dn, Axis axis);
+  // Grey values from `clip_dn` on are saturated, and are left out. `steps`: as in DecodeOptions.
+  StackResiduals(const FringeStack& stack, const RigModel& rig, const PixelRays& rays, double clip_dn, Axis axis,
+                 int steps = 0);
   ~StackResiduals();
 
   size_t periods() const;

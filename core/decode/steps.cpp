@@ -97,4 +97,26 @@ std::vector<float> correction_of(const FringeGroup& group, const PhaseCorrection
   return table;
 }
 
+EvenShifts nearest_even(std::vector<double> shifts_rad) {
+  for (double& shift : shifts_rad) shift -= kTwoPi * std::floor(shift / kTwoPi);
+  std::sort(shifts_rad.begin(), shifts_rad.end());
+  const auto n = static_cast<double>(shifts_rad.size());
+  double first = 0;
+  for (size_t i = 0; i < shifts_rad.size(); ++i) first += (shifts_rad[i] - kTwoPi * static_cast<double>(i) / n) / n;
+  EvenShifts even;
+  for (size_t i = 0; i < shifts_rad.size(); ++i) {
+    even.shifts_rad.push_back(first + kTwoPi * static_cast<double>(i) / n);
+    even.off_rad = std::max(even.off_rad, std::abs(shifts_rad[i] - even.shifts_rad.back()));
+  }
+  return even;
+}
+
+bool EvenShifts::near() const { return off_rad <= kPi / 12; }
+
+double EvenShifts::remaining() const {
+  constexpr double kRemaining = 3.5;
+  const double share = std::min(1.0, off_rad * static_cast<double>(shifts_rad.size()) / kPi);
+  return kRemaining * kRemaining * share * share;
+}
+
 }  // namespace fringeslam

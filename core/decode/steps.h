@@ -28,4 +28,17 @@ StepEstimator least_squares(const FringeGroup& group);
 // belongs to another number of steps or the steps are not equally spaced.
 std::vector<float> correction_of(const FringeGroup& group, const PhaseCorrection& correction);
 
+// Equally spaced shifts near those of a stack in motion, whose drift changes them, or of one that anticipates a motion. Errors of
+// the projector's response are corrected as for these shifts.
+struct EvenShifts {
+  std::vector<double> shifts_rad;
+  double off_rad = 0;  // largest distance of the given shifts from them
+
+  // False if correction would do harm.
+  bool near() const;
+  // The mean square of what correction leaves, relative to that of the correction.
+  double remaining() const;
+};
+EvenShifts nearest_even(std::vector<double> shifts_rad);
+
 }  // namespace fringeslam

@@ -122,6 +122,7 @@ ReconstructedView FringeFrontEnd::reconstruct(const FringeStack& stack, const Re
   } else {
     compensate_motion(view, stack, decoding, prior);
   }
+  view.image_interval_s = image_interval_s(stack, rig_.timing);
   return view;
 }
 
@@ -133,7 +134,7 @@ std::vector<DepthSlope> FringeFrontEnd::depth_slopes(const FringeStack& stack, c
   cv::extractChannel(view.frame.points_m, depth, 2);
   return fringeslam::depth_slopes(stack, rig_, rays_, depth, clip_dn(),
                                   view.motion ? view.motion->motion : CameraMotion{}, view.decoded.finest_period_px,
-                                  stride);
+                                  stride, Axis::columns, options_.decode.steps);
 }
 
 double FringeFrontEnd::determined_orders(const ExpectedView& expected) const {
@@ -150,7 +151,9 @@ PatternSequence FringeFrontEnd::anticipated(const PatternSequence& patterns, con
   if (!last.in_motion() || last.motion_unknown()) return patterns;
   if (options_.decode.steps > 0) return patterns;  // other shifts may include no equally spaced ones to select
   const CameraMotion motion{last.motion->motion.angular_rad_s, last.motion->motion.velocity_m_s};
-  const std::vector<double> times_s = exposure_times_s(0, patterns, rig_.timing);
+  Timing timing = rig_.timing;
+  if (last.image_interval_s > 0) timing.camera_rate_hz = 1 / last.image_interval_s;
+  const std::vector<double> times_s = exposure_times_s(0, patterns, timing);
   const auto drift_rad = [&](size_t k, const Pattern& pattern) {
     const Pose exposure_from_reference = motion.at(times_s[k]).inverse();
     const int coordinate = pattern.axis == Axis::columns ? 0 : 1;
@@ -353,7 +356,9 @@ void FringeFrontEnd::compensate_motion(ReconstructedView& view, const FringeStac
   const auto test_motion = [&](const FringeStack& linear, const cv::Mat1f& depth_m) {
     enter_stage("motion");
     view.motion.emplace();
-    view.motion->converged = !shows_motion(linear, rig_, rays_, depth_m, clip_dn());
+    const std::optional<bool> moves = shows_motion(linear, rig_, rays_, depth_m, clip_dn());
+    view.motion->converged = !moves.value_or(false);
+    view.motion_untested = !moves;
   };
   if (has_exposures(stack.patterns)) {
     // Several exposures cannot be decoded in motion, but one of them shows it.

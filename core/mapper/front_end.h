@@ -22,8 +22,11 @@ struct ReconstructedView {
   // Camera motion during the stack, for which the frame is compensated; not converged: unknown, and the frame is
   // compensated for its prediction at best. Empty: not estimated.
   std::optional<StackMotion> motion = {};
-  // Estimated motion that does not differ from rest significantly: the frame is not compensated for it.
+  // Motion that the frame is not compensated for: estimated, and not significantly different from rest; or, if the stack cannot
+  // show motion, assumed by the mapper.
   std::optional<StackMotion> undecided_motion = {};
+  double image_interval_s = 0;   // between the exposures of the stack; 0: not known
+  bool motion_untested = false;  // the stack cannot show whether the camera moved, as with a single fringe period
 
   bool in_motion() const { return motion && !motion->motion.is_still(); }
   bool motion_unknown() const { return motion && !motion->converged; }

@@ -59,10 +59,11 @@ Mapper::Mapper(const RigModel& rig, const MapperOptions& options, const Pose& wo
 
 Mapper::Mapper(KeyframeMap map, const MapperOptions& options)
     : rig_(map.rig()),
+      image_rate_hz_(rig_.timing.camera_rate_hz),
       options_(options),
       finder_(rig_, options.finder),
       map_(std::move(map)),
-      vibration_(rig_.timing.camera_rate_hz) {
+      vibration_(image_rate_hz_) {
   check_options(options.registration.matching, "matching");
   check_options(options.registration.motion, "motion");
   check_options(options.registration.icp, "icp");
@@ -79,6 +80,8 @@ Mapper::Mapper(KeyframeMap map, const MapperOptions& options)
 FrameResult Mapper::process(MapperInput input) {
   FrameResult result;
   MotionEffect effect;
+  image_rate_hz_ = input.image_interval_s > 0 ? 1 / input.image_interval_s : rig_.timing.camera_rate_hz;
+  vibration_.set_camera_rate(image_rate_hz_);
   std::optional<Prediction> predicted = predict(input.timestamp_s);
   vibration_.begin_view(track_.empty() ? 0 : input.timestamp_s - track_.back().timestamp_s);
   reconstruct_unless_predicted(result, input, predicted);
@@ -553,6 +556,7 @@ void Mapper::note_pose(FrameResult& result) {
   last_keyframe_ = result.keyframe;
   last_motion_ = result.motion;
   prediction_checked_ = result.tracking == Tracking::followed;
+  if (in_motion_ && !result.in_motion()) evidence_of_motion_ = 0;  // of the motion that has ended
   in_motion_ = result.in_motion();
   track_.back().registered_with = result.reference;
   track_.back().variance = variance_;

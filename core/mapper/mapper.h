@@ -70,8 +70,9 @@ struct FrameResult : ReconstructedView {
 struct MapperInput {
   double timestamp_s = 0;
   std::optional<ReconstructedView> view;
-  bool needs_prior = false;  // reconstruct() needs the expected depth
-  int images = 0;            // of the stack
+  bool needs_prior = false;     // reconstruct() needs the expected depth
+  int images = 0;               // of the stack
+  double image_interval_s = 0;  // between them; 0: that of the rig's camera rate
   std::function<ReconstructedView(const ReconstructionPrior&)> reconstruct = {};
   // FrontEnd::depth_slopes() of the view; without it, the motion during the stack is not estimated by registration.
   std::function<std::vector<DepthSlope>(const ReconstructedView&, int stride)> depth_slopes = {};
@@ -187,6 +188,9 @@ class Mapper {
   FrameMotion own_motion(const FrameResult& result, const MapperInput& input, const MotionEffect& effect);
   Matrix6d by_motion_of_reference(const FrameResult& result) const;
   void widen_first_motion();
+  std::optional<StackMotion> motion_since_last(const FrameResult& result, const Eigen::Matrix3d& axes) const;
+  void assume_motion(FrameResult& result) const;
+  void assume_first_motion(const FrameResult& result);
   FrameMotion add_motion_uncertainty(FrameResult& result, const MapperInput& input, const MotionEffect& effect);
   void note_first_keyframe(const FrameResult& result, MapperInput input);
   void improve_first_keyframe();
@@ -213,6 +217,7 @@ class Mapper {
   void note_pose(FrameResult& result);
 
   RigModel rig_;
+  double image_rate_hz_;  // of the current stack
   MapperOptions options_;
   LandmarkFinder finder_;
   KeyframeMap map_;
@@ -235,6 +240,8 @@ class Mapper {
   // Motion of the first keyframe, in its own axes, until another view confirms it. The map contains it widened by the vibration
   // that later views reveal.
   std::optional<FrameMotion> first_motion_;
+  bool first_is_untested_ =
+      false;  // the next view bounds the motion of the first keyframe, which its stack cannot show
   Vibration vibration_;
   std::optional<FirstKeyframe> first_keyframe_;
   Pose first_new_from_old_;             // movement of the first frame's surface by reconstructing it again

@@ -142,11 +142,12 @@ std::optional<Matrix12d> motion_covariance(const ReconstructedView& view) {
   if (view.in_motion()) return view.motion->covariance;
   if (!view.undecided_motion) return std::nullopt;
   const StackMotion& motion = *view.undecided_motion;
+  const Vector12d error = to_vector(motion.motion);
+  if (view.motion_untested) return motion.covariance + error * error.transpose();
   // Residuals that neither rest nor a constant motion explains come from vibration, whose mean motion may be small.
   constexpr double kUnexplained_rms = 1.2;
   const double probability = motion.rms_sigma > kUnexplained_rms ? 1 : probability_of_motion(motion);
   if (probability < kUnlikely) return std::nullopt;
-  const Vector12d error = to_vector(motion.motion);
   return probability * (motion.covariance + error * error.transpose());
 }
 
@@ -195,23 +196,78 @@ void Mapper::widen_first_motion() {
   if ((covariance - before).norm() > kChange * before.norm()) map_.set_motion(0, {covariance, true});
 }
 
+namespace {
+
+// A motion whose mean is known from the poses of two views, but which is as uneven as it is fast.
+StackMotion uneven(const Vector6d& velocity, const Matrix6d& covariance) {
+  StackMotion motion;
+  motion.motion.angular_rad_s = velocity.head<3>();
+  motion.motion.velocity_m_s = velocity.tail<3>();
+  motion.covariance.topLeftCorner<6, 6>() = covariance;
+  motion.covariance.diagonal().head<3>().array() += velocity.head<3>().squaredNorm();
+  motion.covariance.diagonal().segment<3>(3).array() += velocity.tail<3>().squaredNorm();
+  motion.converged = true;
+  return motion;
+}
+
+}  // namespace
+
+// The motion from the last view to this one, in axes that are turned like these to the world's. Empty without a view before.
+std::optional<StackMotion> Mapper::motion_since_last(const FrameResult& result, const Eigen::Matrix3d& axes) const {
+  if (result.tracking == Tracking::first || track_.size() <= continuous_from_) return std::nullopt;
+  const double time_s = result.frame.timestamp_s - track_.back().timestamp_s;
+  if (!(time_s > 0)) return std::nullopt;
+  const Pose world_from_reference = map_.keyframes()[static_cast<size_t>(result.reference)].world_from_camera;
+  const Pose world_from_current = world_from_reference * result.registration.earlier_from_current;
+  const Vector6d change = difference(world_from_current, world_from_camera(track_.back()));
+  const Matrix6d covariance = rotated_covariance(axes * world_from_reference.rotation, result.covariance);
+  return uneven(rotated_tangent(axes) * change / time_s, covariance / (time_s * time_s));
+}
+
+// A stack that cannot show motion does not reveal whether the robot stopped for it. If it did not, it moved as between this view
+// and the last one; without a view before, all motions are possible.
+void Mapper::assume_motion(FrameResult& result) const {
+  result.undecided_motion = StackMotion{{}, unknown_motion(options_.registration.motion_prior).covariance, 0, 0, true};
+  if (result.tracking == Tracking::first) return;
+  const Pose world_from_current = map_.keyframes()[static_cast<size_t>(result.reference)].world_from_camera *
+                                  result.registration.earlier_from_current;
+  if (const auto moved = motion_since_last(result, world_from_current.rotation.transpose()))
+    result.undecided_motion = moved;
+}
+
+// The view after the first one bounds the motion during the first stack, if that cannot show it.
+void Mapper::assume_first_motion(const FrameResult& result) {
+  if (!first_is_untested_) return;
+  first_is_untested_ = false;
+  const auto moved = motion_since_last(result, map_.keyframes()[0].world_from_camera.rotation.transpose());
+  if (!moved || !first_motion_ || track_.size() != 1) return;
+  const Vector12d error = to_vector(moved->motion);
+  first_motion_->covariance = moved->covariance + error * error.transpose();
+  map_.set_motion(0, {first_motion_->spread(), true});
+}
+
 // Adds the uncertainty of the motion during the stack, and during that of the keyframe, to the covariance of the pose, and
 // accounts for parallax. Returns the motion during the stack in the axes of the view.
 Mapper::FrameMotion Mapper::add_motion_uncertainty(FrameResult& result, const MapperInput& input,
                                                    const MotionEffect& effect) {
   variance_ = pose_variance(result.covariance);
   shared_variance_ = {};
-  if (result.tracking == Tracking::first) return frame_motion(result, input, result.frame, {});
   if (!has_pose(result.tracking)) return {};
+  assume_first_motion(result);
+  if (result.motion_untested) assume_motion(result);
+  if (result.tracking == Tracking::first) {
+    first_is_untested_ = result.motion_untested;
+    return frame_motion(result, input, result.frame, {});
+  }
   const Pose& pose = result.registration.earlier_from_current;
   FrameMotion own = own_motion(result, input, effect);
   variance_ = pose_variance(result.covariance + own.spread());
   shared_variance_ = pose_variance(by_motion_of_reference(result));
-  if (result.in_motion() || !own.covariance.isZero(0)) {
+  if (!result.motion_untested && (result.in_motion() || !own.covariance.isZero(0))) {
     std::vector<PoseSample> samples = last_samples(result.reference, shared_variance_);
     const Pose world_from_reference = map_.keyframes()[static_cast<size_t>(result.reference)].world_from_camera;
     samples.push_back({result.frame.timestamp_s, world_from_reference * pose, variance_});
-    vibration_.note(estimate_vibration(samples, options_.registration.motion_prior, rig_.timing.camera_rate_hz));
+    vibration_.note(estimate_vibration(samples, options_.registration.motion_prior, image_rate_hz_));
     vibration_.widen_estimate(own.covariance);
     widen_first_motion();
   } else {

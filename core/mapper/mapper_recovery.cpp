@@ -25,13 +25,18 @@ void Mapper::improve_first_keyframe() {
   constexpr int kStride = 6;
   if (!first_keyframe_ || track_.size() < first_keyframe_->views) return;
   const FirstKeyframe first = *std::exchange(first_keyframe_, std::nullopt);
-  if (continuous_from_ > 0 || !in_motion_) return;
+  if (continuous_from_ > 0) return;
+  const auto try_later = [&] {
+    if (first.views < kMostViews) first_keyframe_ = FirstKeyframe{first.input, first.own, 2 * first.views};
+  };
+  // Slow motion may be recognized later.
+  if (!in_motion_) return try_later();
   std::vector<PoseSample> samples = last_samples();
   samples.erase(samples.begin());
   for (PoseSample& sample : samples) sample.motion.reset();
   const std::optional<MotionPrediction> predicted =
       predict_backwards(std::move(samples), first.input.timestamp_s, options_.registration.motion_prior);
-  if (!predicted) return;
+  if (!predicted) return try_later();
   MotionPrior motion = predicted->motion;
   vibration_.widen(motion.covariance);
   motion = fused(first.own, motion);
@@ -43,14 +48,15 @@ void Mapper::improve_first_keyframe() {
   const MotionRegistration found =
       register_motion(last_frame_, view.frame, rig_.camera, last_from_first, first.input.depth_slopes(view, kStride),
                       view.motion->motion, motion);
-  if (!found.valid) return;
+  if (!found.valid) return try_later();
   MotionPrior known{changed(view.motion->motion, found.step), found.motion_covariance};
   // The ripples of the last view's depth, which its own motion left, resemble those of the keyframe.
   if (last_motion_) known.covariance += last_motion_->covariance;
   view = first.input.reconstruct({nullptr, known, true});
+  if (!view.in_motion()) return;  // its coding needs rest
   const ViewRegistration moved = follow_view(last_frame_, view.frame, found.target_from_source, rig_.camera,
                                              rig_.middle_range_m(), options_.registration);
-  if (!moved.refined) return;
+  if (!moved.refined) return try_later();
   // The views so far stay where they are; their keyframe's frame has moved.
   const Pose new_from_old = moved.earlier_from_current.inverse() * last_from_first;
   for (std::vector<TrackedView>* views : {&track_, &recovered_}) {
@@ -66,7 +72,7 @@ void Mapper::improve_first_keyframe() {
   map_.set_motion(0, {remaining.spread(), true});  // its landmarks were found in the frame before
   first_motion_.reset();
   image_keyframe_ = -1;
-  if (first.views < kMostViews) first_keyframe_ = FirstKeyframe{first.input, first.own, 2 * first.views};
+  try_later();
 }
 
 Pose Mapper::world_from_frame(int view) const {

@@ -48,14 +48,15 @@ PreprocessedStack Pipeline::preprocess(FringeStack stack) const {
 FrameResult Pipeline::process(PreprocessedStack preprocessed) {
   const FringeStack& stack = preprocessed.stack;
   // The mapper may keep the input to reconstruct the view again.
-  FrameResult result = mapper_.process({stack.timestamp_s, std::move(preprocessed.view), front_end_->needs_prior(stack),
-                                        static_cast<int>(stack.images.size()),
-                                        [front_end = front_end_, stack](const ReconstructionPrior& prior) {
-                                          return front_end->reconstruct(stack, prior);
-                                        },
-                                        [front_end = front_end_, stack](const ReconstructedView& view, int stride) {
-                                          return front_end->depth_slopes(stack, view, stride);
-                                        }});
+  FrameResult result =
+      mapper_.process({stack.timestamp_s, std::move(preprocessed.view), front_end_->needs_prior(stack),
+                       static_cast<int>(stack.images.size()), image_interval_s(stack, mapper_.map().rig().timing),
+                       [front_end = front_end_, stack](const ReconstructionPrior& prior) {
+                         return front_end->reconstruct(stack, prior);
+                       },
+                       [front_end = front_end_, stack](const ReconstructedView& view, int stride) {
+                         return front_end->depth_slopes(stack, view, stride);
+                       }});
   if (result.complete && result.in_motion() && has_pose(result.tracking) && !schedule_.keeps_all())
     result.predictable = predictable_orders(stack);
   last_timestamp_s_ = stack.timestamp_s;
@@ -67,7 +68,7 @@ FrameResult Pipeline::process(PreprocessedStack preprocessed) {
 // A camera that waits between its views might as well take whole sequences. If it does not wait, an attempt with the finest
 // fringes costs a third of a sequence, and more views predict better.
 double Pipeline::predictable_orders(const FringeStack& stack) const {
-  const double image_s = 1 / mapper_.map().rig().timing.camera_rate_hz;
+  const double image_s = image_interval_s(stack, mapper_.map().rig().timing);
   const double interval_s = stack.timestamp_s - last_timestamp_s_,
                sequence_s = image_s * static_cast<double>(stack.images.size());
   if (interval_s <= sequence_s + image_s) return 1;

@@ -14,6 +14,7 @@ class Vibration {
  public:
   explicit Vibration(double camera_rate_hz) : camera_rate_hz_(camera_rate_hz) {}
 
+  void set_camera_rate(double hz) { camera_rate_hz_ = hz; }
   // `interval_s`: since the last tracked view.
   void begin_view(double interval_s) {
     here_ = {};

@@ -18,7 +18,7 @@ namespace {
 bool usable(const PointPair& pair) {
   return pair.previous.allFinite() && pair.current.allFinite() && pair.previous_covariance.allFinite() &&
          pair.current_covariance.allFinite() &&
-         is_positive_definite(pair.previous_covariance + pair.current_covariance);
+         is_positive_definite(Eigen::Matrix3d(pair.previous_covariance + pair.current_covariance));
 }
 
 double mahalanobis2(const PointPair& pair, const Pose& previous_from_current) {

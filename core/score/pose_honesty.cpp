@@ -40,7 +40,8 @@ bool PoseHonesty::confidently_wrong() const {
 PoseHonesty pose_honesty(const Pose& estimate, const Pose& truth, const Matrix6d& covariance, const RigModel& rig) {
   const Vector6d error = difference(estimate, truth);
   const std::optional<Vector6d> solved = solve_well_conditioned(covariance, error, 0);
-  return {displacement_m(estimate, truth, rig), solved ? error.dot(*solved) : std::numeric_limits<double>::quiet_NaN()};
+  const bool usable = solved && is_positive_definite(covariance);
+  return {displacement_m(estimate, truth, rig), usable ? error.dot(*solved) : std::numeric_limits<double>::quiet_NaN()};
 }
 
 }  // namespace fringeslam

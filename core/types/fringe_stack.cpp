@@ -2,6 +2,7 @@
 #include "core/types/fringe_stack.h"
 
 #include <algorithm>
+#include <cmath>
 #include <limits>
 #include <optional>
 #include <string>
@@ -54,6 +55,18 @@ std::vector<double> exposure_times_s(double timestamp_s, const PatternSequence& 
   const double reference_s = reference_time_s(patterns, times_s);
   for (double& time_s : times_s) time_s += timestamp_s - reference_s;
   return times_s;
+}
+
+double image_interval_s(const FringeStack& stack, const Timing& timing) {
+  constexpr double kSame = 0.02;
+  const double nominal_s = 1 / timing.camera_rate_hz;
+  std::vector<double> intervals_s;
+  for (size_t i = 1; i < stack.exposure_time_s.size(); ++i)
+    intervals_s.push_back(stack.exposure_time_s[i] - stack.exposure_time_s[i - 1]);
+  if (intervals_s.empty()) return nominal_s;
+  const auto middle = intervals_s.begin() + static_cast<std::ptrdiff_t>(intervals_s.size() / 2);
+  std::nth_element(intervals_s.begin(), middle, intervals_s.end());
+  return *middle > 0 && std::abs(*middle - nominal_s) > kSame * nominal_s ? *middle : nominal_s;
 }
 
 void check_stack(const FringeStack& stack) {

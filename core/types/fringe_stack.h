@@ -33,6 +33,10 @@ double reference_time_s(const PatternSequence& patterns, const std::vector<doubl
 // Returns the middles of the exposures of a stack taken at the camera rate, with reference time `timestamp_s`.
 std::vector<double> exposure_times_s(double timestamp_s, const PatternSequence& patterns, const Timing& timing);
 
+// Returns the median interval between the images of a stack; that of the camera rate if it agrees within 2 %, or if the stack has
+// one image.
+double image_interval_s(const FringeStack& stack, const Timing& timing);
+
 // Throws Error unless images, patterns, exposures and exposure times agree in number and all images are grey and have
 // the same size and type.
 void check_stack(const FringeStack& stack);

@@ -57,6 +57,7 @@ double log_normal(const Eigen::VectorXd& x, const Eigen::MatrixXd& covariance) {
 }
 
 bool is_positive_definite(const Matrix3d& matrix) { return matrix.llt().info() == Eigen::Success; }
+bool is_positive_definite(const Matrix6d& matrix) { return matrix.llt().info() == Eigen::Success; }
 
 Matrix3d whitening(const Matrix3d& covariance) {
   const Matrix3d lower = covariance.llt().matrixL();

@@ -40,6 +40,7 @@ double log_normal(const Eigen::VectorXd& x, const Eigen::MatrixXd& covariance);
 
 // True if the symmetric matrix has a Cholesky decomposition.
 bool is_positive_definite(const Eigen::Matrix3d& matrix);
+bool is_positive_definite(const Matrix6d& matrix);
 
 // Returns the lower triangular W with W^T W = covariance^-1.
 Eigen::Matrix3d whitening(const Eigen::Matrix3d& covariance);

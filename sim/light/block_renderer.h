@@ -295,7 +295,12 @@ class BlockRenderer {
     const auto steps = static_cast<int>(stations_.size());
     const int samples = r_.rays_->per_pixel;
     if (samples == 4 && steps == 4) return std::array<size_t, 4>{0, 2, 1, 3}[static_cast<size_t>(sample)];
-    return static_cast<size_t>((sample + sample / steps) % steps);
+    if (samples == 4) return static_cast<size_t>(sample % steps);  // samples on opposite sides belong together
+    // The time has two digits to the base of the grid's side. Each row of samples has all values of both digits, each column all
+    // values of the first and, if the side is odd, of the second.
+    const int side = static_cast<int>(std::lround(std::sqrt(samples))), row = sample / side, col = sample % side;
+    const int time = (row + col) % side * side + (2 * row + col) % side;
+    return static_cast<size_t>(time * steps / samples);
   }
 
   // Traces one sample of each pixel and adds its light.

@@ -43,7 +43,7 @@ Camera::Camera(const RigModel& rig, const Effects& effects, uint64_t seed)
 cv::Mat1f Camera::electrons_per_s(const cv::Mat1f& lux) const {
   cv::Mat1f image = lux;
   if (blur_px_ > 0)
-    image = filtered(lux, gaussian_half(blur_px_), FilterBorder::replicated, selected_instruction_set());
+    image = filtered(lux, point_spread_half(blur_px_), FilterBorder::replicated, selected_instruction_set());
   return cv::Mat1f(image.mul(response_));
 }
 

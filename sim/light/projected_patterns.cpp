@@ -171,7 +171,7 @@ void ProjectedPatterns::add_image(int i, const cv::Mat1f& light) {
     // Target variance: sigma^2 + 1/12 px^2, for square pixels; linear interpolation contributes 1/6 px^2 on average.
     cv::Mat1f soft = light.clone();  // each level is computed from the sharp image
     if (sigma > 0.3)
-      soft = filtered(light, gaussian_half(std::sqrt(sigma * sigma - 1.0 / 12)), FilterBorder::replicated,
+      soft = filtered(light, point_spread_half(std::sqrt(sigma * sigma - 1.0 / 12)), FilterBorder::replicated,
                       selected_instruction_set());
     image.levels.push_back(soft);
   }

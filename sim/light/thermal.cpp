@@ -111,7 +111,8 @@ cv::Mat1f thermal_image(const Scene& scene, const SampleRays& rays, const RaySce
     }
   });
   if (effects.lens_blur && thermal.blur_px > 0)
-    radiance = filtered(radiance, gaussian_half(thermal.blur_px), FilterBorder::replicated, selected_instruction_set());
+    radiance =
+        filtered(radiance, point_spread_half(thermal.blur_px), FilterBorder::replicated, selected_instruction_set());
 
   cv::Mat1f temperature_c(radiance.size());
   const NormalField noise(scene.seed, Stream::thermal_noise, static_cast<uint32_t>(stack), 0);

@@ -93,9 +93,9 @@ TEST(LinearAlgebra, RefusesMatricesBelowTheConditionNumber) {
 }
 
 TEST(LinearAlgebra, RecognisesPositiveDefiniteMatrices) {
-  EXPECT_TRUE(is_positive_definite(kFirst * Vector3d(1e-9, 1, 2).asDiagonal() * kFirst.transpose()));
-  EXPECT_FALSE(is_positive_definite(kFirst * Vector3d(-1e-9, 1, 2).asDiagonal() * kFirst.transpose()));
-  EXPECT_FALSE(is_positive_definite(Matrix3d::Zero()));
+  EXPECT_TRUE(is_positive_definite(Matrix3d(kFirst * Vector3d(1e-9, 1, 2).asDiagonal() * kFirst.transpose())));
+  EXPECT_FALSE(is_positive_definite(Matrix3d(kFirst * Vector3d(-1e-9, 1, 2).asDiagonal() * kFirst.transpose())));
+  EXPECT_FALSE(is_positive_definite(Matrix3d(Matrix3d::Zero())));
 }
 
 TEST(LinearAlgebra, WhitensACovariance) {

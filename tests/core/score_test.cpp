@@ -205,6 +205,9 @@ TEST(PoseHonesty, ConfidentlyWrongIsFarOffInMillimetresAndInSigmas) {
   EXPECT_TRUE(wrong(2, kNaN));
   EXPECT_TRUE(wrong(kNaN, 1));
   EXPECT_TRUE(wrong_with(2, Matrix6d::Zero()));
+  Vector6d indefinite = Vector6d::Constant(1e-6);
+  indefinite[0] = -1e-6;
+  EXPECT_TRUE(wrong_with(2, indefinite.asDiagonal()));
   EXPECT_TRUE(wrong_with(2, -millimetres_and_milliradians()));
 }
 

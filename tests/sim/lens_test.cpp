@@ -192,15 +192,34 @@ TEST(CameraLens, VignettingIsCosineToTheFourth) {
 }
 
 TEST(CameraLens, BlurKeepsTheModulationOfAGaussian) {
-  RigModel rig = coaxial_rig();
-  rig.camera_lens.blur_px = 1.5;
-  const Camera camera(rig, only(&Effects::lens_blur), 1);
-  cv::Mat1f fringes(49, 65);
-  for (int col = 0; col < 65; ++col) fringes.col(col) = 1 + std::cos(2 * kPi * (col - 32) / 16.0);
-  const cv::Mat1f image = camera.electrons_per_s(fringes), even = camera.electrons_per_s(cv::Mat1f(49, 65, 1.0f));
-  const double kept = std::exp(-2 * kPi * kPi * 2.25 / 256);
-  EXPECT_NEAR(image(24, 32) / even(24, 32), 1 + kept, 5e-3);
-  EXPECT_NEAR(image(24, 40) / even(24, 40), 1 - kept, 5e-3);
+  for (const double blur_px : {0.2, 0.3, 0.5, 1.5}) {
+    RigModel rig = coaxial_rig();
+    rig.camera_lens.blur_px = blur_px;
+    const Camera camera(rig, only(&Effects::lens_blur), 1);
+    cv::Mat1f fringes(49, 65);
+    for (int col = 0; col < 65; ++col) fringes.col(col) = 1 + std::cos(2 * kPi * (col - 32) / 16.0);
+    const cv::Mat1f image = camera.electrons_per_s(fringes), even = camera.electrons_per_s(cv::Mat1f(49, 65, 1.0f));
+    const double kept = std::exp(-2 * kPi * kPi * blur_px * blur_px / 256);
+    EXPECT_NEAR(image(24, 32) / even(24, 32), 1 + kept, 2e-4) << blur_px;
+    EXPECT_NEAR(image(24, 40) / even(24, 40), 1 - kept, 2e-4) << blur_px;
+  }
+}
+
+// The image of a line has the variance of the point spread, however narrow.
+TEST(CameraLens, BlurHasItsVariance) {
+  for (const double blur_px : {0.1, 0.3, 0.5, 0.8, 3.0}) {
+    RigModel rig = coaxial_rig();
+    rig.camera_lens.blur_px = blur_px;
+    cv::Mat1f line(49, 65, 0.0f);
+    line.col(32) = 1;
+    const cv::Mat1f image = Camera(rig, only(&Effects::lens_blur), 1).electrons_per_s(line);
+    double sum = 0, second = 0;
+    for (int col = 0; col < 65; ++col) {
+      const double light = image(24, col);
+      sum += light, second += light * (col - 32) * (col - 32);
+    }
+    EXPECT_NEAR(second / sum, blur_px * blur_px, 1e-4 * blur_px * blur_px);
+  }
 }
 
 // The derivative of a defocused bright-dark edge has the variance (c / 4)^2 of a uniform disc of diameter c.
@@ -349,7 +368,7 @@ TEST(Motion, WithinAnExposureSmearsEdges) {
 }
 
 // Variance of the blur of an edge, px^2, of a board that moves by `smear_px` along an axis during an exposure.
-double edge_variance_px2(double smear_px, int axis, int samples) {
+double edge_variance_px2(double smear_px, int axis, int samples, int steps) {
   constexpr int kShifts = 8;  // of the edge, so that pixels add the variance of a uniform distribution over one pixel
   constexpr double kFocal_px = 200;
   double variance = 0;
@@ -362,7 +381,9 @@ double edge_variance_px2(double smear_px, int axis, int samples) {
         plane_mesh(4, 4), pose_from({{axis == 0 ? edge_mm : 0, axis == 1 ? edge_mm : 0, 999.9}, {0, 0, 0}}), 0));
     scene.ambient_lux = 20000;
     scene.motion.velocity_m_s[axis] = smear_px / kFocal_px / rig.timing.exposure_s;
-    VirtualRig moving(scene, {samples, false, false, only(&Effects::motion)});
+    Effects effects = only(&Effects::motion);
+    effects.exposure_steps = steps;
+    VirtualRig moving(scene, {samples, false, false, effects});
     const FringeStack stack = *moving.capture({129, 97, {constant_pattern(0)}});
     cv::Mat1f image(stack.images[0] - rig.sensor.offset_dn), profile;
     cv::reduce(image, profile, axis == 0 ? 0 : 1, cv::REDUCE_AVG);
@@ -380,14 +401,24 @@ double edge_variance_px2(double smear_px, int axis, int samples) {
 // The few samples of a pixel are taken at different places and times, which should not depend on each other. Of four, they do.
 TEST(Motion, BlurIsNearlyTheSameInAllDirections) {
   constexpr double kSmear_px = 2;
-  for (const int samples : {4, 16}) {
-    // Sum of the variances of the places in a pixel and of the four times.
-    const double places = samples == 4 ? (0.125 * 0.125 + 0.375 * 0.375) / 2 : (1 - 1 / 16.0) / 12;
-    const double expected = places + kSmear_px * kSmear_px * (1 - 1 / 16.0) / 12;
+  struct Case {
+    int samples, asked, steps;  // the steps share the samples evenly
+    double tolerance;
+  };
+  for (const auto [samples, asked, steps, tolerance] : {Case{4, 4, 4, 0.45},
+                                                        {4, 2, 2, 0.1},
+                                                        {9, 4, 9, 0.1},
+                                                        {16, 4, 4, 0.1},
+                                                        {16, 8, 8, 0.1},
+                                                        {16, 16, 16, 0.1},
+                                                        {25, 4, 5, 0.1}}) {
+    // Sum of the variances of the places in a pixel and of the times.
+    const double places = samples == 4 ? (0.125 * 0.125 + 0.375 * 0.375) / 2 : (1 - 1.0 / samples) / 12;
+    const double expected = places + kSmear_px * kSmear_px * (1 - 1.0 / (steps * steps)) / 12;
     for (const int axis : {0, 1}) {
       for (const double smear_px : {-kSmear_px, kSmear_px})
-        EXPECT_NEAR(edge_variance_px2(smear_px, axis, samples), expected, (samples == 4 ? 0.45 : 0.1) * expected)
-            << samples << ' ' << axis << ' ' << smear_px;
+        EXPECT_NEAR(edge_variance_px2(smear_px, axis, samples, asked), expected, tolerance * expected)
+            << samples << ' ' << asked << ' ' << axis << ' ' << smear_px;
     }
   }
 }

@@ -15,6 +15,7 @@
 #include "core/decode/stack_motion.h"
 #include "core/decode/texture_flow.h"
 #include "core/mapper/pipeline.h"
+#include "core/patterns/waveform.h"
 #include "core/types/linear_algebra.h"
 #include "sim/virtual_rig.h"
 #include "tests/support/temp_folder.h"
@@ -421,6 +422,29 @@ TEST(MovingStack, ShiftsOfSelectedStepsAreNotChanged) {
   EXPECT_TRUE(
       FringeFrontEnd(before.scene.rig, before.scene.patterns, options).anticipated(before.scene.patterns, last) ==
       before.scene.patterns);
+}
+
+// The drift changes the shifts that the projector's response is corrected for: at 0.3 m/s, by up to 60 degrees.
+TEST(MovingStack, TheResponseIsCorrectedForTheShiftsInMotion) {
+  for (const double speed_m_s : {0.3, -0.3}) {
+    Scene scene = loop_scene();
+    scene.rig.projector_response = gamma_table(1.5);
+    scene.rig.phase_correction = phase_correction_of(scene.rig.projector_response, 3);
+    scene.trajectory.resize(1);
+    CameraMotion motion;
+    motion.velocity_m_s = {speed_m_s, 0, 0};
+    scene.motion.velocity_m_s = scene.rig.robot_from_camera.rotation * motion.velocity_m_s;
+    const SimulatedView moving = *VirtualRig(scene, {}).simulate(scene.patterns);
+    const ReconstructedView view =
+        FringeFrontEnd(scene.rig, scene.patterns, {}).reconstruct(moving.stack, {nullptr, unknown_motion({}), false});
+    ASSERT_TRUE(view.motion);
+    ASSERT_TRUE(view.motion->converged) << speed_m_s;
+    const StackMotion& found = view.undecided_motion ? *view.undecided_motion : *view.motion;
+    const Eigen::VectorXd error = to_vector(found.motion) - to_vector(motion);
+    EXPECT_LT(error.dot(solve_positive_definite(Eigen::MatrixXd(found.covariance), error)), 33)
+        << "99.9 % of a chi-square distribution with twelve degrees of freedom, " << speed_m_s
+        << " m/s: " << error.transpose();
+  }
 }
 
 // Codings that need a camera at rest say that the motion is unknown instead of ending the run.
@@ -919,6 +943,42 @@ TEST(StoppingRobot, IsNotMistakenForASlowOne) {
   ASSERT_EQ(run.squared_sigmas.size(), 5);
   EXPECT_TRUE(run.views.front().undecided_motion) << "otherwise this tests nothing";
   for (const FrameResult& view : run.views) EXPECT_FALSE(view.in_motion());
+}
+
+// A software trigger is slower than the rate of the rig file. Vibration and anticipated drifts depend on the rate.
+TEST(MovingRobot, ImagesAreAsFastAsTheirTimesSay) {
+  Scene scene = loop_in_motion(1, {{"trajectory.continuous.speed_m_s", "0.06"}});
+  const RigModel assumed = scene.rig;
+  scene.rig.timing.camera_rate_hz = assumed.timing.camera_rate_hz / 3;
+  const TrackedViews right(scene, scene.rig, 5), wrong(scene, assumed, 5);
+  ASSERT_GE(right.sigmas_m.size(), 3);
+  ASSERT_EQ(wrong.sigmas_m.size(), right.sigmas_m.size());
+  for (size_t i = 0; i < right.sigmas_m.size(); ++i)
+    EXPECT_NEAR(wrong.sigmas_m[i], right.sigmas_m[i], 1e-3 * right.sigmas_m[i]);
+}
+
+// With one fringe period, nothing in a stack contradicts rest. The poses show how far the robot moved at most.
+TEST(MovingRobot, StacksThatCannotShowMotionWidenTheCovariance) {
+  for (const char* patterns :
+       {"{axis: columns, steps: 3, periods_px: [16.25], gray: complementary, gray_cell_px: 8.125}",
+        "{axis: columns, steps: 3, micro_period_px: 16.5, micro_images: 7}"}) {
+    for (const char* speed_m_s : {"0.1", "0.2"}) {
+      const Scene scene = loop_in_motion(1, {{"patterns", patterns}, {"trajectory.continuous.speed_m_s", speed_m_s}});
+      const TrackedViews run(scene, scene.rig, 5);
+      EXPECT_TRUE(run.views.front().motion_untested) << patterns;
+      ASSERT_GE(run.squared_sigmas.size(), 3) << patterns << speed_m_s;
+      EXPECT_LT(run.largest_square(), 36) << patterns << speed_m_s;
+    }
+    Scene scene = loop_scene();
+    SceneLoadOptions reading;
+    reading.changes = {{"patterns", patterns}};
+    const Scene standing = load_scene(std::string(FRINGESLAM_SOURCE_DIR) + "/scenes/loop/scene.yaml", reading);
+    scene.patterns = standing.patterns;
+    for (TimedPose& pose : scene.trajectory) pose.world_from_robot = scene.trajectory.front().world_from_robot;
+    const TrackedViews run(scene, scene.rig, 3);
+    ASSERT_EQ(run.sigmas_m.size(), 2) << patterns;
+    for (const double sigma_m : run.sigmas_m) EXPECT_LT(sigma_m, 1e-4) << patterns;
+  }
 }
 
 // Boxes at the start of the path, enough of them that landmarks determine the first motion; then a plain wall, which

@@ -1,7 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "sim/virtual_rig.h"
 
-#include <gtest/gtest.h>
+#include <gmock/gmock.h>
 
 #include <Eigen/Geometry>
 #include <algorithm>
@@ -17,6 +17,7 @@
 #include "core/rig/rig_file.h"
 #include "core/score/truth_files.h"
 #include "tests/sim/test_scenes.h"
+#include "tests/support/matchers.h"
 #include "tests/support/same_pixels.h"
 #include "tests/support/temp_folder.h"
 
@@ -239,6 +240,22 @@ TEST(RenderOptions, WantASquareNumberOfSamples) {
   for (const int samples : {1, 4, 9, 16, 256}) EXPECT_NO_THROW((RenderOptions{samples, true, true}.check()));
   for (const int samples : {-4, 0, 2, 3, 8, 257, 289})
     EXPECT_THROW((RenderOptions{samples, true, true}.check()), Error) << samples;
+}
+
+// Two poses at one time have no meaning.
+TEST(VirtualRig, ViewsInMotionMustNotOverlap) {
+  Scene scene = board_scene();  // 0.5 s between views
+  scene.motion.velocity_m_s.x() = 0.01;
+  const PatternSequence sequence = fringes(scene.rig, 0);
+  scene.rig.timing.camera_rate_hz = static_cast<double>(sequence.patterns.size()) / 0.5;
+  EXPECT_TRUE(VirtualRig(scene, {1, false, false, Effects::none()}).capture(sequence));
+  scene.rig.timing.camera_rate_hz *= 0.99;
+  EXPECT_THAT(support::error_of([&] {
+                VirtualRig(scene, {1, false, false, only(&Effects::motion)}).capture(sequence);
+              }),
+              testing::HasSubstr("trajectory.interval_s: 9 images per view"));
+  scene.motion = {};
+  EXPECT_TRUE(VirtualRig(scene, {1, false, false, Effects::none()}).capture(sequence));
 }
 
 cv::Mat1b mixed_pixels(Mesh mesh, const Pose& pose) {

@@ -134,6 +134,28 @@ TEST_F(Results, BelongToTheFilesThatTheSceneNames) {
   EXPECT_EQ(hash(), dark);
 }
 
+// The first trial uses one of the meshes only.
+TEST_F(Results, BelongToTheFilesOfAllTrials) {
+  const auto write_mesh = [&](const std::string& name, const std::string& width) {
+    test::write_bytes(temp_ / name, "v 0 0 0\nv " + width + " 0 0\nv 0 1 0\nf 1 2 3\n");
+  };
+  write_mesh("a.obj", "1");
+  write_mesh("b.obj", "2");
+  test::write_bytes(study_.scene, test::replaced(test::read_bytes(study_.scene), "objects:\n",
+                                                 "objects:\n  - {shape: mesh, file: a.obj, unit_m: 0.1, up: z}\n"));
+  const std::string counted = test::replaced(test::kSmallStudy, "objects.1.count", "objects.2.count");
+  test::write_bytes(study_.file, test::replaced(counted, "decode.min_modulation_dn: {grid: [2, 4]}",
+                                                "objects.0.file: {grid: [a.obj, b.obj]}"));
+  const auto hash = [&] {
+    Study study = read_study(study_.file);
+    hash_files(study);
+    return study.files_hash;
+  };
+  const std::string before = hash();
+  write_mesh("b.obj", "3");
+  EXPECT_NE(hash(), before);
+}
+
 TEST_F(Results, DamagedOnesAreRefused) {
   const auto error = [&](const std::string& text) {
     fs::create_directories(folder_ / "shards");

@@ -83,6 +83,21 @@ TEST(Sampling, GridsAreWalkedThroughEvenly) {
   for (const auto& [cell, count] : cells) EXPECT_EQ(count, 4) << cell.first << cell.second;
 }
 
+// Differences between values must not be those between scenes.
+TEST(Sampling, EachGridValueMeetsEachWorld) {
+  for (const auto& [values, worlds] : {std::pair{4, 4}, {4, 6}, {3, 5}, {2, 1}, {9, 3}}) {
+    Parameter grid;
+    grid.name = "p", grid.law = Parameter::Law::grid;
+    for (int k = 0; k < values; ++k) grid.values.push_back(std::to_string(k));
+    Study study = study_of({grid}, 2 * values * worlds);
+    study.worlds = worlds;
+    std::map<std::pair<std::string, int>, int> pairs;
+    for (int i = 0; i < study.trials; ++i) ++pairs[{trial_of(study, i).values[0], world_of(study, i)}];
+    EXPECT_EQ(pairs.size(), static_cast<size_t>(values * worlds)) << values << ' ' << worlds;
+    for (const auto& [pair, count] : pairs) EXPECT_EQ(count, 2) << pair.first << ' ' << pair.second;
+  }
+}
+
 TEST(Sampling, RowsOfASaltelliDesignShareWhatTheyShould) {
   Study study = study_of({number("a", Parameter::Law::uniform, 0, 1), number("b", Parameter::Law::uniform, 0, 1)}, 8);
   study.design = Design::saltelli;
