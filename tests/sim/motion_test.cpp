@@ -541,8 +541,8 @@ TEST(MovingStack, SaturationIsNoMotion) {
   EXPECT_GT(saturated, static_cast<int>(still.stack.images[0].total()) / 20);
   const cv::Mat1f depth_m = filled_depth(still.truth.depth_m, 1);
   const PixelRays rays = pixel_rays(scene.rig.camera);
-  EXPECT_FALSE(shows_motion(still.stack, scene.rig, rays, depth_m, 250));
-  EXPECT_TRUE(shows_motion(still.stack, scene.rig, rays, depth_m, 1000));
+  EXPECT_EQ(shows_motion(still.stack, scene.rig, rays, depth_m, 250), false);
+  EXPECT_EQ(shows_motion(still.stack, scene.rig, rays, depth_m, 1000), true);
   const StackMotion at_rest =
       estimate_stack_motion(still.stack, scene.rig, rays, depth_m, 250, unknown_motion({}), MotionSearch::close);
   EXPECT_TRUE(at_rest.converged);
@@ -551,7 +551,7 @@ TEST(MovingStack, SaturationIsNoMotion) {
   // Motion too slow to leave large residuals is found beside saturated pixels too.
   scene.motion.velocity_m_s = scene.rig.robot_from_camera.rotation * Eigen::Vector3d(0.01, 0, 0);
   const SimulatedView slow = *VirtualRig(scene, {}).simulate(scene.patterns);
-  EXPECT_TRUE(shows_motion(slow.stack, scene.rig, rays, filled_depth(slow.truth.depth_m, 1), 250));
+  EXPECT_EQ(shows_motion(slow.stack, scene.rig, rays, filled_depth(slow.truth.depth_m, 1), 250), true);
 }
 
 // Interpolation between saturated and other pixels must not hide the saturation.
