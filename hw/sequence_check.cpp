@@ -437,9 +437,11 @@ SequenceVerdict check_sequence(const PatternSequence& sequence, const std::vecto
     throw Error("sequence: " + std::to_string(images.size()) + " images for " +
                 std::to_string(sequence.patterns.size()) + " patterns");
   const Levels levels = levels_of(images, white, black, options);
+  // The lens mixes pixels beside saturated surfaces with darker ones, so that they are not saturated themselves.
+  constexpr double kBesideSaturated = 0.1;
+  const auto saturated = static_cast<double>(levels.saturated);
   const double all = static_cast<double>(white.total()), needed = options.min_pixels * all;
-  if (static_cast<double>(levels.pixels) < needed) {
-    const auto saturated = static_cast<double>(levels.saturated);
+  if (static_cast<double>(levels.pixels) < std::max(needed, kBesideSaturated * saturated)) {
     if (saturated >= needed)
       return {false,
               to_text(std::round(100 * saturated / all)) +

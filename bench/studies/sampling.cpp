@@ -179,15 +179,16 @@ int world_of(const Sampling& sampling, int index) {
   const int row = index / row_length(sampling);
   if (sampling.worlds <= 0) return row;
   if (sampling.design == Design::saltelli) return row % sampling.worlds;
-  // If the numbers of combinations and of worlds have a common divisor, plain cycling would pair them in the same way for ever.
-  // More combinations than trials need no shift.
+  // If the numbers of combinations of grid values and of worlds have a common divisor, plain cycling would pair them in the same
+  // way for ever. More combinations than trials need no shift.
   int64_t combinations = 1;
   for (const Parameter& parameter : sampling.parameters) {
     if (parameter.law == Law::grid && combinations <= row)
       combinations *= static_cast<int64_t>(parameter.values.size());
   }
-  const int64_t shift = row / std::lcm(combinations, static_cast<int64_t>(sampling.worlds));
-  return static_cast<int>((row + shift) % sampling.worlds);
+  const int64_t worlds = sampling.worlds;
+  const int64_t shift = std::gcd(combinations, worlds) > 1 ? row / std::lcm(combinations, worlds) : 0;
+  return static_cast<int>((row + shift) % worlds);
 }
 
 std::string drawn_value(const Sampling& sampling, int trial, const Parameter& parameter) {

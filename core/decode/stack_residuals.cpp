@@ -339,13 +339,9 @@ class StackResiduals::Impl {
   void add_pixel(const Group& group, size_t p, double outlier_sigma, RowSums& sums) const {
     constexpr double kMinModulation = 4;
     const std::vector<PeriodFits>& fits = group.fits;
-    bool lit = blur_px_ > 0;  // a wide blur leaves no fringes
     for (const PeriodFits& fit : fits) {
       if (std::isnan(fit.mean[p])) return;
-      lit |= fit.modulation[p] > kMinModulation;
     }
-    // Noise of dark pixels agrees with every motion.
-    if (!lit) return;
     // Fringes that drift by about 60 degrees against their shifts leave mean and phase of their period nearly
     // undetermined, which amplifies errors that are not noise.
     constexpr double kMaxAmplification = 6;
