@@ -121,9 +121,8 @@ class Emptiness {
   std::string untested() const {
     if (motion_untested_ == 0) return "";
     return std::to_string(motion_untested_) + " of " + std::to_string(views_) +
-           " views cannot show whether the robot stopped for them, as with one fringe period: their covariances allow "
-           "for a "
-           "motion as between views; if it did stop, add --set tracking.at_rest=true";
+           " views cannot show whether the robot stopped for them, as with one fringe period: their covariances "
+           "allow for a motion as between views; if it did stop, add --set tracking.at_rest=true";
   }
   // Returns one line, or nothing if the result is not nearly empty.
   std::string reason(RigModel rig, const DepthOptions& depth) const {

@@ -226,7 +226,6 @@ std::string check_spec(const Spec& spec) {
       if (!scene.path && scene.trajectory.size() < static_cast<size_t>(spec.views))
         throw Error("the trajectory has " + std::to_string(scene.trajectory.size()) +
                     " views, fewer than 'views' of this dataset");
-      // A resolved scene has the names of its meshes only.
       std::vector<studies::Trial> others = studies::trials_of_all_texts(spec, first);
       others.erase(others.begin());
       for (const studies::Trial& other : others) {
@@ -240,6 +239,7 @@ std::string check_spec(const Spec& spec) {
       for (const fs::path& each : files) {
         if (std::find(distinct.begin(), distinct.end(), each) == distinct.end()) distinct.push_back(each);
       }
+      // A resolved scene has the names of its meshes only.
       identity += "\n" + scene.resolved + to_yaml(scene.rig) + sim::contents_hash(distinct);
       thermal |= scene.rig.thermal.has_value();
     } catch (const Error& e) {

@@ -88,7 +88,6 @@ def nearest_suites(name, program):
 
 def stages(name, program, durations):
     """Returns (filter, seconds that its tests take) of the tests near to a source file, of all quick ones, and of the others."""
-
     suites = nearest_suites(name, program)
     nearest = [test for test in durations if suites & set(test.partition(".")[0].split("/"))]  # INSTANTIATION/SUITE
     slow = sorted((test for test in durations if durations[test] > QUICK_SECONDS), key=durations.get)

@@ -223,6 +223,22 @@ double coordinate_variance(const AlignedStack& aligned, const FringeGroup& group
 
 }  // namespace
 
+std::optional<double> median_drift_px(const RigModel& rig, const std::vector<Eigen::Vector3d>& points_m,
+                                      const Pose& exposure_from_reference, Axis axis) {
+  const int coordinate = axis == Axis::columns ? 0 : 1;
+  std::vector<double> drifts_px;
+  for (const Eigen::Vector3d& point : points_m) {
+    const Eigen::Vector3d here = rig.projector_from_camera * point,
+                          there = rig.projector_from_camera * (exposure_from_reference * point);
+    if (here.z() > 0 && there.z() > 0)
+      drifts_px.push_back((rig.projector.project(there) - rig.projector.project(here))[coordinate]);
+  }
+  if (drifts_px.empty()) return std::nullopt;
+  const auto middle = drifts_px.begin() + static_cast<std::ptrdiff_t>(drifts_px.size() / 2);
+  std::nth_element(drifts_px.begin(), middle, drifts_px.end());
+  return *middle;
+}
+
 size_t most_accurate_group(const AlignedStack& aligned, const std::vector<FringeGroup>& groups) {
   constexpr int kStride = 16;
   size_t best = groups.size() - 1;

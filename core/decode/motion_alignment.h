@@ -13,7 +13,9 @@
 // x_k and drift_k change little with z: an error of 1 cm in z at 1 m moves x_k by 0.01 px during 3 mm of motion.
 #pragma once
 
+#include <Eigen/Core>
 #include <opencv2/core.hpp>
+#include <optional>
 #include <vector>
 
 #include "core/patterns/patterns.h"
@@ -36,6 +38,11 @@ struct AlignedStack {
 // hide. Throws Error if sizes differ.
 AlignedStack align_stack(const FringeStack& stack, const RigModel& rig, const PixelRays& rays, const cv::Mat1f& depth_m,
                          const CameraMotion& motion, double clip_dn, Axis axis = Axis::columns);
+
+// Returns the median drift until an exposure, in projector pixels along `axis`, at points of the camera's frame at the reference
+// time; empty if the projector faces none of them.
+std::optional<double> median_drift_px(const RigModel& rig, const std::vector<Eigen::Vector3d>& points_m,
+                                      const Pose& exposure_from_reference, Axis axis);
 
 // Returns the index of the group whose phase determines the coordinate best, by the median over the pixels: usually the
 // finest, but the phase of fringes that drift by as much as they are shifted is hardly determined. `groups`: coarsest first.

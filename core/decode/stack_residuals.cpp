@@ -10,6 +10,7 @@
 #include "core/base/constants.h"
 #include "core/base/parallel.h"
 #include "core/base/symmetric_filter.h"
+#include "core/decode/motion_alignment.h"
 #include "core/decode/normal_equations.h"
 #include "core/decode/stack_points.h"
 #include "core/decode/steps.h"
@@ -33,12 +34,13 @@ struct Period {
   // mean relative to the modulation over the true phase. Empty: none.
   std::vector<float> phase_error_turns;
   std::vector<double> mean_ripple;
-  std::vector<double> shifts_rad;  // of the images
+  double phase_error_rad2 = 0, mean_ripple2 = 0;  // mean squares of these errors
+  std::vector<double> shifts_rad;                 // of the images
   // At the current motion.
   bool correctable = true;
   double centre_turns = 0;  // shift of the tables' phases
-  double phase_variance = 0,
-         ripple_variance = 0;  // of the errors that remain, rad^2 and relative to the squared modulation
+  // Of the errors that remain, rad^2 and relative to the squared modulation.
+  double phase_variance = 0, ripple_variance = 0;
 };
 
 // Gaussian blur, at a lower resolution if it is wide.
@@ -67,7 +69,7 @@ struct RowSums {
 class StackResiduals::Impl {
  public:
   Impl(const FringeStack& stack, const RigModel& rig, const PixelRays& rays, double clip_dn, Axis axis, int steps)
-      : rig_(rig), rays_(rays), coordinate_(axis == Axis::columns ? 0 : 1), follower_(rig, coordinate_) {
+      : rig_(rig), rays_(rays), axis_(axis), follower_(rig, axis == Axis::columns ? 0 : 1) {
     DecodeOptions selected;
     selected.steps = steps;
     for (const FringeGroup& group : select_groups(stack.patterns, axis, selected)) {
@@ -191,47 +193,44 @@ class StackResiduals::Impl {
     for (size_t k = 0; k < group.shifts_rad.size(); ++k)
       group.shifts_rad[k] = kTwoPi * (static_cast<double>(k) - (steps - 1) / 2) / steps;
     period.phase_error_turns = correction_of(group, rig_.phase_correction);
-    if (period.phase_error_turns.empty() || rig_.projector_response.empty()) return;
-    period.mean_ripple = mean_ripple_of(rig_.projector_response, rig_.phase_correction.steps);
-    period.mean_ripple.push_back(period.mean_ripple.front());
-  }
-
-  // Median drift of the fringes until an exposure, projector pixels.
-  double drift_px(const Exposure& exposure, const cv::Mat1f& depth_m) const {
-    constexpr int kStride = 32;
-    std::vector<double> drifts_px;
-    for (int row = kStride / 2; row < rays_.rows; row += kStride) {
-      for (int col = kStride / 2; col < rays_.cols; col += kStride) {
-        const auto z = static_cast<double>(depth_m(row, col));
-        if (std::isnan(z) || std::isnan(rays_(row, col)[0])) continue;
-        const Vector3d point = z * Vector3d(rays_(row, col)[0], rays_(row, col)[1], 1),
-                       here = rig_.projector_from_camera * point,
-                       there = rig_.projector_from_camera * (exposure.exposure_from_reference * point);
-        if (here.z() > 0 && there.z() > 0)
-          drifts_px.push_back((rig_.projector.project(there) - rig_.projector.project(here))[coordinate_]);
-      }
-    }
-    if (drifts_px.empty()) return 0;
-    const auto middle = drifts_px.begin() + static_cast<std::ptrdiff_t>(drifts_px.size() / 2);
-    std::nth_element(drifts_px.begin(), middle, drifts_px.end());
-    return *middle;
-  }
-
-  // The drift changes the shifts: errors are those of the nearest equally spaced ones, like in decode().
-  void set_shifts(Period& period, const cv::Mat1f& depth_m) const {
-    std::vector<double> shifts_rad = period.shifts_rad;
-    for (size_t k = 0; k < shifts_rad.size() && !at_rest_; ++k)
-      shifts_rad[k] += kTwoPi * drift_px(*period.exposures[k], depth_m) / period.period_px;
-    const EvenShifts even = nearest_even(shifts_rad);
-    period.correctable = even.near();
-    period.centre_turns = turns_from_centred(even.shifts_rad);
-    const auto mean_square = [](const auto& table) {
+    const auto mean_square_of = [](const auto& table) {
       double sum = 0;
       for (const auto error : table) sum += static_cast<double>(error) * static_cast<double>(error);
       return table.empty() ? 0.0 : sum / static_cast<double>(table.size());
     };
-    period.phase_variance = even.remaining() * kTwoPi * kTwoPi * mean_square(period.phase_error_turns);
-    period.ripple_variance = even.remaining() * mean_square(period.mean_ripple);
+    period.phase_error_rad2 = kTwoPi * kTwoPi * mean_square_of(period.phase_error_turns);
+    if (period.phase_error_turns.empty() || rig_.projector_response.empty()) return;
+    period.mean_ripple = mean_ripple_of(rig_.projector_response, rig_.phase_correction.steps);
+    period.mean_ripple.push_back(period.mean_ripple.front());
+    period.mean_ripple2 = mean_square_of(period.mean_ripple);
+  }
+
+  // Points that represent the surfaces.
+  std::vector<Vector3d> some_points(const cv::Mat1f& depth_m) const {
+    constexpr int kStride = 32;
+    std::vector<Vector3d> points_m;
+    for (int row = kStride / 2; row < rays_.rows; row += kStride) {
+      for (int col = kStride / 2; col < rays_.cols; col += kStride) {
+        const auto z = static_cast<double>(depth_m(row, col));
+        const cv::Vec2f& ray = rays_(row, col);
+        if (!std::isnan(z) && !std::isnan(ray[0])) points_m.push_back(z * Vector3d(ray[0], ray[1], 1));
+      }
+    }
+    return points_m;
+  }
+
+  // The drift changes the shifts: errors are those of the nearest equally spaced ones, like in decode().
+  void set_shifts(Period& period, const std::vector<Vector3d>& points_m) const {
+    std::vector<double> shifts_rad = period.shifts_rad;
+    for (size_t k = 0; k < shifts_rad.size() && !at_rest_; ++k)
+      shifts_rad[k] +=
+          kTwoPi * median_drift_px(rig_, points_m, period.exposures[k]->exposure_from_reference, axis_).value_or(0) /
+          period.period_px;
+    const EvenShifts even = nearest_even(shifts_rad);
+    period.correctable = even.near();
+    period.centre_turns = turns_from_centred(even.shifts_rad);
+    period.phase_variance = even.remaining() * period.phase_error_rad2;
+    period.ripple_variance = even.remaining() * period.mean_ripple2;
   }
 
   // Points of a row of the image, and their fits.
@@ -268,8 +267,11 @@ class StackResiduals::Impl {
   void move(const CameraMotion& motion, const cv::Mat1f& depth_m) {
     for (Exposure& exposure : exposures_) exposure.exposure_from_reference = motion.at(exposure.time_s).inverse();
     at_rest_ = motion.is_still();
+    std::vector<Vector3d> points_m;
     for (Period& period : periods_) {
-      if (!period.phase_error_turns.empty()) set_shifts(period, depth_m);
+      if (period.phase_error_turns.empty()) continue;
+      if (points_m.empty() && !at_rest_) points_m = some_points(depth_m);
+      set_shifts(period, points_m);
     }
   }
 
@@ -401,7 +403,7 @@ class StackResiduals::Impl {
 
   const RigModel& rig_;
   const PixelRays& rays_;
-  int coordinate_;  // of the projector: 0: column, 1: row
+  Axis axis_;
   PointFollower follower_;
   std::vector<Exposure> exposures_;
   std::vector<Period> periods_;

@@ -154,28 +154,20 @@ PatternSequence FringeFrontEnd::anticipated(const PatternSequence& patterns, con
   Timing timing = rig_.timing;
   if (last.image_interval_s > 0) timing.camera_rate_hz = 1 / last.image_interval_s;
   const std::vector<double> times_s = exposure_times_s(0, patterns, timing);
+  std::vector<Eigen::Vector3d> points_m;
+  for (int row = 0; row < last.frame.height(); row += kStride) {
+    for (int col = 0; col < last.frame.width(); col += kStride) {
+      const cv::Vec3f p = last.frame.points_m(row, col);
+      if (!std::isnan(p[2])) points_m.emplace_back(p[0], p[1], p[2]);
+    }
+  }
   const auto drift_rad = [&](size_t k, const Pattern& pattern) {
     const Pose exposure_from_reference = motion.at(times_s[k]).inverse();
-    const int coordinate = pattern.axis == Axis::columns ? 0 : 1;
-    std::vector<double> drifts_px;
-    const auto add = [&](const Eigen::Vector3d& point) {
-      const Eigen::Vector3d here = rig_.projector_from_camera * point,
-                            there = rig_.projector_from_camera * (exposure_from_reference * point);
-      if (here.z() > 0 && there.z() > 0)
-        drifts_px.push_back((rig_.projector.project(there) - rig_.projector.project(here))[coordinate]);
-    };
-    for (int row = 0; row < last.frame.height(); row += kStride) {
-      for (int col = 0; col < last.frame.width(); col += kStride) {
-        const cv::Vec3f p = last.frame.points_m(row, col);
-        if (!std::isnan(p[2])) add({p[0], p[1], p[2]});
-      }
-    }
+    std::optional<double> drift_px = median_drift_px(rig_, points_m, exposure_from_reference, pattern.axis);
     // Fringes that drift too fast leave no depth at all.
-    if (drifts_px.empty()) add({0, 0, rig_.middle_range_m()});
-    if (drifts_px.empty()) return 0.0;
-    const auto middle = drifts_px.begin() + static_cast<std::ptrdiff_t>(drifts_px.size() / 2);
-    std::nth_element(drifts_px.begin(), middle, drifts_px.end());
-    return kStep_rad * std::round(kTwoPi * *middle / pattern.period_px / kStep_rad);
+    if (!drift_px)
+      drift_px = median_drift_px(rig_, {{0, 0, rig_.middle_range_m()}}, exposure_from_reference, pattern.axis);
+    return kStep_rad * std::round(kTwoPi * drift_px.value_or(0) / pattern.period_px / kStep_rad);
   };
   PatternSequence changed = patterns;
   for (const Axis axis : {Axis::columns, Axis::rows}) {

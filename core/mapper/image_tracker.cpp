@@ -39,10 +39,7 @@ ImageReference image_reference(const ReconstructedView& view, const FringeStack&
     reference.motion = view.motion->motion;
     reference.motion_covariance = view.motion->covariance;
   }
-  if (view.motion_untested && view.undecided_motion) {
-    const Vector12d error = to_vector(view.undecided_motion->motion);
-    reference.motion_covariance = view.undecided_motion->covariance + error * error.transpose();
-  }
+  if (view.motion_untested && view.undecided_motion) reference.motion_covariance = mean_square(*view.undecided_motion);
   return reference;
 }
 

@@ -59,11 +59,10 @@ Mapper::Mapper(const RigModel& rig, const MapperOptions& options, const Pose& wo
 
 Mapper::Mapper(KeyframeMap map, const MapperOptions& options)
     : rig_(map.rig()),
-      image_rate_hz_(rig_.timing.camera_rate_hz),
       options_(options),
       finder_(rig_, options.finder),
       map_(std::move(map)),
-      vibration_(image_rate_hz_) {
+      vibration_(rig_.timing.camera_rate_hz) {
   check_options(options.registration.matching, "matching");
   check_options(options.registration.motion, "motion");
   check_options(options.registration.icp, "icp");
@@ -80,8 +79,7 @@ Mapper::Mapper(KeyframeMap map, const MapperOptions& options)
 FrameResult Mapper::process(MapperInput input) {
   FrameResult result;
   MotionEffect effect;
-  image_rate_hz_ = input.image_interval_s > 0 ? 1 / input.image_interval_s : rig_.timing.camera_rate_hz;
-  vibration_.set_camera_rate(image_rate_hz_);
+  vibration_.set_camera_rate(input.image_interval_s > 0 ? 1 / input.image_interval_s : rig_.timing.camera_rate_hz);
   std::optional<Prediction> predicted = predict(input.timestamp_s);
   vibration_.begin_view(track_.empty() ? 0 : input.timestamp_s - track_.back().timestamp_s);
   reconstruct_unless_predicted(result, input, predicted);

@@ -217,7 +217,6 @@ class Mapper {
   void note_pose(FrameResult& result);
 
   RigModel rig_;
-  double image_rate_hz_;  // of the current stack
   MapperOptions options_;
   LandmarkFinder finder_;
   KeyframeMap map_;
@@ -240,8 +239,8 @@ class Mapper {
   // Motion of the first keyframe, in its own axes, until another view confirms it. The map contains it widened by the vibration
   // that later views reveal.
   std::optional<FrameMotion> first_motion_;
-  bool first_is_untested_ =
-      false;  // the next view bounds the motion of the first keyframe, which its stack cannot show
+  // The stack of the first keyframe cannot show its motion, which the next view bounds.
+  bool first_is_untested_ = false;
   Vibration vibration_;
   std::optional<FirstKeyframe> first_keyframe_;
   Pose first_new_from_old_;             // movement of the first frame's surface by reconstructing it again

@@ -142,13 +142,12 @@ std::optional<Matrix12d> motion_covariance(const ReconstructedView& view) {
   if (view.in_motion()) return view.motion->covariance;
   if (!view.undecided_motion) return std::nullopt;
   const StackMotion& motion = *view.undecided_motion;
-  const Vector12d error = to_vector(motion.motion);
-  if (view.motion_untested) return motion.covariance + error * error.transpose();
+  if (view.motion_untested) return mean_square(motion);
   // Residuals that neither rest nor a constant motion explains come from vibration, whose mean motion may be small.
   constexpr double kUnexplained_rms = 1.2;
   const double probability = motion.rms_sigma > kUnexplained_rms ? 1 : probability_of_motion(motion);
   if (probability < kUnlikely) return std::nullopt;
-  return probability * (motion.covariance + error * error.transpose());
+  return probability * mean_square(motion);
 }
 
 }  // namespace
@@ -241,8 +240,7 @@ void Mapper::assume_first_motion(const FrameResult& result) {
   first_is_untested_ = false;
   const auto moved = motion_since_last(result, map_.keyframes()[0].world_from_camera.rotation.transpose());
   if (!moved || !first_motion_ || track_.size() != 1) return;
-  const Vector12d error = to_vector(moved->motion);
-  first_motion_->covariance = moved->covariance + error * error.transpose();
+  first_motion_->covariance = mean_square(*moved);
   map_.set_motion(0, {first_motion_->spread(), true});
 }
 
@@ -267,7 +265,7 @@ Mapper::FrameMotion Mapper::add_motion_uncertainty(FrameResult& result, const Ma
     std::vector<PoseSample> samples = last_samples(result.reference, shared_variance_);
     const Pose world_from_reference = map_.keyframes()[static_cast<size_t>(result.reference)].world_from_camera;
     samples.push_back({result.frame.timestamp_s, world_from_reference * pose, variance_});
-    vibration_.note(estimate_vibration(samples, options_.registration.motion_prior, image_rate_hz_));
+    vibration_.note(estimate_vibration(samples, options_.registration.motion_prior, vibration_.camera_rate_hz()));
     vibration_.widen_estimate(own.covariance);
     widen_first_motion();
   } else {

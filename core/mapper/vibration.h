@@ -15,6 +15,7 @@ class Vibration {
   explicit Vibration(double camera_rate_hz) : camera_rate_hz_(camera_rate_hz) {}
 
   void set_camera_rate(double hz) { camera_rate_hz_ = hz; }
+  double camera_rate_hz() const { return camera_rate_hz_; }
   // `interval_s`: since the last tracked view.
   void begin_view(double interval_s) {
     here_ = {};

@@ -31,6 +31,11 @@ MotionPrior unknown_motion(const MotionLimits& limits) {
   return {{}, sigmas.cwiseAbs2().asDiagonal()};
 }
 
+Matrix12d mean_square(const StackMotion& motion) {
+  const Vector12d parameters = to_vector(motion.motion);
+  return motion.covariance + parameters * parameters.transpose();
+}
+
 namespace {
 
 // Squared Mahalanobis distance from rest: chi-square of twelve degrees of freedom for a camera at rest.

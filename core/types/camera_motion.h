@@ -77,6 +77,9 @@ struct MotionPrior {
 };
 MotionPrior unknown_motion(const MotionLimits& limits);
 
+// Returns the mean square of the motion, given its estimate: the covariance of its difference from rest.
+Matrix12d mean_square(const StackMotion& motion);
+
 // True if the estimate is significantly different from rest.
 bool is_moving(const StackMotion& motion);
 

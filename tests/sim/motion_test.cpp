@@ -969,13 +969,9 @@ TEST(MovingRobot, StacksThatCannotShowMotionWidenTheCovariance) {
       ASSERT_GE(run.squared_sigmas.size(), 3) << patterns << speed_m_s;
       EXPECT_LT(run.largest_square(), 36) << patterns << speed_m_s;
     }
-    Scene scene = loop_scene();
-    SceneLoadOptions reading;
-    reading.changes = {{"patterns", patterns}};
-    const Scene standing = load_scene(std::string(FRINGESLAM_SOURCE_DIR) + "/scenes/loop/scene.yaml", reading);
-    scene.patterns = standing.patterns;
-    for (TimedPose& pose : scene.trajectory) pose.world_from_robot = scene.trajectory.front().world_from_robot;
-    const TrackedViews run(scene, scene.rig, 3);
+    Scene standing = loop_in_motion(1, {{"patterns", patterns}});
+    for (TimedPose& pose : standing.trajectory) pose.world_from_robot = standing.trajectory.front().world_from_robot;
+    const TrackedViews run(standing, standing.rig, 3);
     ASSERT_EQ(run.sigmas_m.size(), 2) << patterns;
     for (const double sigma_m : run.sigmas_m) EXPECT_LT(sigma_m, 1e-4) << patterns;
   }
