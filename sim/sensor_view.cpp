@@ -63,8 +63,8 @@ SensorView::SensorView(const Scene& scene)
       full_(scene, {}, kSamples),
       reduced_(full_, reduced_scene_, reduced_effects(), kSamples),
       sampled_(full_, reduced_scene_, reduced_effects(), kSamples, 1.0 / kReduction),
-      full_camera_(scene.rig, {}, scene.seed),
-      reduced_camera_(reduced_scene_.rig, reduced_effects(), scene.seed) {}
+      full_camera_(scene.rig, {}, scene.seed, full_.rays().blur_px),
+      reduced_camera_(reduced_scene_.rig, reduced_effects(), scene.seed, reduced_.rays().blur_px) {}
 
 cv::Mat SensorView::image(const Pose& world_from_robot, std::optional<size_t> pattern, bool reduced, const Stop& stop) {
   const Renderer& renderer = reduced ? reduced_ : full_;

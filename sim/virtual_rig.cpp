@@ -65,8 +65,8 @@ VirtualRig::VirtualRig(const Scene& scene, const RenderOptions& options)
       calibration_(calibration_of(scene)),
       options_((options.check(), options)),
       renderer_(scene, options.effects, options.samples_per_pixel),
-      camera_(scene.rig, options.effects, scene.seed) {
-  if (scene.rig.thermal) thermal_rays_ = thermal_rays(scene.rig);
+      camera_(scene.rig, options.effects, scene.seed, renderer_.rays().blur_px) {
+  if (scene.rig.thermal) thermal_rays_ = thermal_rays(scene.rig, options.effects);
 }
 
 BlurRange blur_range(const RigModel& rig, const Effects& effects) {

@@ -9,6 +9,7 @@
 #include "core/base/parallel.h"
 #include "core/depth/indirect_light.h"
 #include "core/depth/normals.h"
+#include "core/depth/texture_bias.h"
 #include "core/types/error.h"
 
 namespace fringeslam {
@@ -89,12 +90,22 @@ void triangulate(Frame& frame, const DecodedStack& decoded, const Triangulation&
   const float per_depth = step_limit(triangulation, options).per_depth;
   const auto max_sigma = static_cast<float>(options.max_sigma_m);
   const auto to_grey = static_cast<float>(255 / decoded.full_scale_dn);
-  for_each_row(size.height, [&](int row) {
-    triangulation.row(row, decoded.coordinate_px[row], decoded.sigma_px[row], max_sigma, depth[row + 1], sigma[row],
-                      set);
-    const float* mean = decoded.mean[row];
-    for (int col = 0; col < size.width; ++col)
-      frame.texture[row][col] = static_cast<uchar>(std::clamp(to_grey * mean[col] + 0.5f, 0.0f, 255.0f));
+  const bool corrects_texture =
+      options.texture_correction && decoded.finest_period_px > 0 && decoded.modulation.size() == size;
+  for_each_range(size.height, [&](int first, int end) {
+    std::vector<float> gradient(static_cast<size_t>(size.width), 0.0f);
+    for (int row = first; row < end; ++row) {
+      if (corrects_texture) {
+        const int above = std::max(row - 1, 0), below = std::min(row + 1, size.height - 1);
+        const auto rows = [&](const cv::Mat1f& image) { return ThreeRows{image[above], image[row], image[below]}; };
+        texture_gradient_row(rows(decoded.coordinate_px), rows(decoded.modulation), size.width, gradient.data(), set);
+      }
+      triangulation.row(row, decoded.coordinate_px[row], decoded.sigma_px[row], max_sigma, depth[row + 1], sigma[row],
+                        set, gradient.data());
+      const float* mean = decoded.mean[row];
+      for (int col = 0; col < size.width; ++col)
+        frame.texture[row][col] = static_cast<uchar>(std::clamp(to_grey * mean[col] + 0.5f, 0.0f, 255.0f));
+    }
   });
   for_each_range(size.height, [&](int first, int end) {
     std::vector<float> kept(static_cast<size_t>(size.width));

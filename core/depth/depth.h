@@ -24,6 +24,7 @@ struct DepthOptions {
   double near_m = 0.4, far_m = 2.5;  // depths outside are rejected
   double max_slope_deg = 89;         // steeper depth steps between neighbours are discontinuities
   double max_sigma_m = 0.005;
+  bool texture_correction = true;
   double footprint_noise = 0.03;
   int normal_radius_px = 5;      // of the largest window; smaller ones are used near edges
   double max_normal_chi2 = 2.5;  // of the plane fit, per degree of freedom
@@ -37,6 +38,8 @@ struct DepthOptions {
     v.field("max_slope_deg", max_slope_deg, {10, 89.9},
             "surface slope beyond which a depth step is a discontinuity, degrees");
     v.field("max_sigma_m", max_sigma_m, {0, 10}, "maximum depth sigma, m");
+    v.field("texture_correction", texture_correction,
+            "corrects points beside texture for the camera's blur: pixel, blur_px and defocus of the rig's lens");
     v.field("footprint_noise", footprint_noise, {0, 1},
             "depth sigma due to texture within a pixel, as a fraction of the depth change across it");
     v.field("normal_radius_px", normal_radius_px, {1, 15}, "half width of the largest window for normals, px");

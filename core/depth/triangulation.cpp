@@ -11,6 +11,7 @@
 
 #include "core/base/constants.h"
 #include "core/base/parallel.h"
+#include "core/types/camera_pupil.h"
 #include "core/types/error.h"
 #include "core/types/options.h"
 #include "core/types/selected_instruction_set.h"
@@ -109,6 +110,16 @@ double clipped(const Coordinate& coordinate, const Scale& scale, double end, dou
     if (std::abs(beyond) < 1e-3) break;
   }
   return a;
+}
+
+// Pixels are squares, and the circle of confusion is a uniform disc, whose variance along an axis is a sixteenth of its squared
+// diameter.
+Triangulation::PointSpread point_spread_of(const RigModel& rig) {
+  const CameraLens& lens = rig.camera_lens;
+  const double circle_px_m =
+      camera_pupil_m(rig) * rig.camera.fx;  // per difference of the inverse depth from that of the focus
+  return {static_cast<float>(1.0 / 12 + lens.blur_px * lens.blur_px),
+          static_cast<float>(circle_px_m * circle_px_m / 16), static_cast<float>(1 / lens.focus_m)};
 }
 
 // Interval of inverse depth in which a ray passes through the projector's field.
@@ -213,11 +224,12 @@ FRINGESLAM_INLINE void interpolate_body(const Projection& p, const RayBlock& ray
 struct TriangulationRow {
   std::array<const float*, kNodes> coefficients;
   const float *centre, *per_px;
+  Triangulation::PointSpread point_spread;
   float near_m, far_m, max_sigma_m;
 };
 
 FRINGESLAM_INLINE void row_body(const TriangulationRow& t, int width, const float* coordinate, const float* sigma_px,
-                                float* depth, float* sigma) {
+                                const float* texture_gradient, float* depth, float* sigma) {
   const float *c0 = t.coefficients[0], *c1 = t.coefficients[1], *c2 = t.coefficients[2], *c3 = t.coefficients[3],
               *c4 = t.coefficients[4], *c5 = t.coefficients[5];
 #pragma GCC ivdep
@@ -225,8 +237,9 @@ FRINGESLAM_INLINE void row_body(const TriangulationRow& t, int width, const floa
     const float s = (coordinate[i] - t.centre[i]) * t.per_px[i];
     const float w = c0[i] + s * (c1[i] + s * (c2[i] + s * (c3[i] + s * (c4[i] + s * c5[i]))));
     const float slope = c1[i] + s * (2 * c2[i] + s * (3 * c3[i] + s * (4 * c4[i] + s * (5 * c5[i]))));
-    const float z = 1 / w;
-    const float spread = z * z * std::abs(slope * t.per_px[i]) * sigma_px[i];
+    const float per_px = slope * t.per_px[i];
+    const float z = 1 / (w - per_px * t.point_spread.variance_px2(w) * texture_gradient[i]);
+    const float spread = z * z * std::abs(per_px) * sigma_px[i];
     const bool valid = (std::abs(s) <= kBeyond) & (z >= t.near_m) & (z <= t.far_m) & (spread <= t.max_sigma_m);
     depth[i] = valid ? z : kNaN;
     sigma[i] = valid ? spread : kNaN;
@@ -265,7 +278,11 @@ FRINGESLAM_INLINE void points_body(const DepthRows& rows, int width, float per_d
 }  // namespace
 
 Triangulation::Triangulation(const RigModel& rig, const PixelRays& rays, double near_m, double far_m, Axis axis)
-    : rays_(rays), near_m_(near_m), far_m_(far_m), pixel_angle_(1 / rig.camera.fx) {
+    : rays_(rays),
+      near_m_(near_m),
+      far_m_(far_m),
+      pixel_angle_(1 / rig.camera.fx),
+      point_spread_(point_spread_of(rig)) {
   if (!(near_m < far_m))
     throw Error("depth.near_m is " + to_text(near_m) + " but depth.far_m is " + to_text(far_m) +
                 "; near_m must be smaller than far_m");
@@ -334,19 +351,24 @@ Triangulation::Triangulation(const RigModel& rig, const PixelRays& rays, double 
 }
 
 void Triangulation::row(int row, const float* coordinate_px, const float* sigma_px, float max_sigma_m, float* depth_m,
-                        float* sigma_m, InstructionSet set) const {
-  TriangulationRow t{{},         centre_[row], per_px_[row], static_cast<float>(near_m_), static_cast<float>(far_m_),
-                     max_sigma_m};
+                        float* sigma_m, InstructionSet set, const float* texture_gradient) const {
+  TriangulationRow t{
+      {},         centre_[row], per_px_[row], point_spread_, static_cast<float>(near_m_), static_cast<float>(far_m_),
+      max_sigma_m};
   for (size_t k = 0; k < kNodes; ++k) t.coefficients[k] = coefficients_[k][row];
   const int width = rays_.cols;
-  std::vector<float> with_error;
+  std::vector<float> with_error, plain;
+  if (!texture_gradient) {
+    plain.assign(static_cast<size_t>(width), 0.0f);
+    texture_gradient = plain.data();
+  }
   if (!error_px_.empty()) {
     with_error.resize(static_cast<size_t>(width));
     for (int col = 0; col < width; ++col)
       with_error[static_cast<size_t>(col)] = std::hypot(sigma_px[col], error_px_(row, col));
     sigma_px = with_error.data();
   }
-  Variants<row_body>::of(set)(t, width, coordinate_px, sigma_px, depth_m, sigma_m);
+  Variants<row_body>::of(set)(t, width, coordinate_px, sigma_px, texture_gradient, depth_m, sigma_m);
 }
 
 void points_row(const DepthRows& rows, int width, float per_depth, float* depth, cv::Vec3f* points, float* sigma,

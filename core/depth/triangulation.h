@@ -38,14 +38,26 @@ class Triangulation {
   double far_m() const { return far_m_; }
   double pixel_angle() const { return pixel_angle_; }  // angle of a camera pixel on the axis, rad
 
+  // Variance of the camera's point spread along each axis, pixel included, at an inverse depth.
+  struct PointSpread {
+    float in_focus_px2 = 0, defocus_px2_m2 = 0, focus_per_m = 0;
+    float variance_px2(float inverse_depth) const {
+      const float off = inverse_depth - focus_per_m;
+      return in_focus_px2 + defocus_px2_m2 * off * off;
+    }
+  };
+  const PointSpread& point_spread() const { return point_spread_; }
+
   // Computes depth and sigma of one row of coordinates; NaN where unavailable, outside [near_m, far_m], or above
-  // max_sigma_m.
+  // max_sigma_m. The bias due to `texture_gradient`, that of texture_gradient_row(), is subtracted from the coordinates; null:
+  // there is no texture.
   void row(int row, const float* coordinate_px, const float* sigma_px, float max_sigma_m, float* depth_m,
-           float* sigma_m, InstructionSet set) const;
+           float* sigma_m, InstructionSet set, const float* texture_gradient = nullptr) const;
 
  private:
   PixelRays rays_;
   double near_m_, far_m_, pixel_angle_;
+  PointSpread point_spread_;
   std::array<cv::Mat1f, kDegree + 1> coefficients_;
   cv::Mat1f centre_, per_px_;  // s = (u - centre) * per_px
   cv::Mat1f error_px_;         // of the polynomial; empty if negligible

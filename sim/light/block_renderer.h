@@ -12,6 +12,7 @@
 #include "core/base/constants.h"
 #include "core/base/instruction_set.h"
 #include "core/base/parallel.h"
+#include "core/types/camera_pupil.h"
 #include "sim/light/air.h"
 #include "sim/light/beam.h"
 #include "sim/light/indirect.h"

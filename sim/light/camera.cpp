@@ -8,13 +8,14 @@
 #include "core/base/symmetric_filter.h"
 #include "core/types/selected_instruction_set.h"
 #include "sim/light/photometry.h"
+#include "sim/light/sample_rays.h"
 #include "sim/random.h"
 
 namespace fringeslam::sim {
 
-Camera::Camera(const RigModel& rig, const Effects& effects, uint64_t seed)
+Camera::Camera(const RigModel& rig, const Effects& effects, uint64_t seed, double sampled_blur_px)
     : sensor_(rig.sensor),
-      blur_px_(effects.lens_blur ? rig.camera_lens.blur_px : 0),
+      blur_px_(effects.lens_blur ? remaining_blur_px(rig.camera_lens.blur_px, sampled_blur_px) : 0),
       response_(rig.camera.height, rig.camera.width) {
   if (!effects.fixed_pattern) sensor_.prnu = sensor_.dsnu_electrons = sensor_.dark_current_electrons_s = 0;
   const double on_axis = photons_per_lux_s(rig) * sensor_.quantum_efficiency;

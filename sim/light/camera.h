@@ -24,10 +24,11 @@ struct Exposure {
 
 class Camera {
  public:
-  // `seed` selects the sensor specimen, that is, the fixed pattern of PRNU and DSNU.
-  Camera(const RigModel& rig, const Effects& effects, uint64_t seed);
+  // `seed` selects the sensor specimen, that is, the fixed pattern of PRNU and DSNU. `sampled_blur_px` is the part of the lens
+  // blur that the light already contains (SampleRays::blur_px).
+  Camera(const RigModel& rig, const Effects& effects, uint64_t seed, double sampled_blur_px = 0);
 
-  // Converts light, lux, to mean electrons per second, with lens blur, vignetting and pixel response.
+  // Converts light, lux, to mean electrons per second, with the rest of the lens blur, vignetting and pixel response.
   cv::Mat1f electrons_per_s(const cv::Mat1f& lux) const;
 
   // Exposes an image. Quantised: CV_8U or CV_16U, by bit depth; otherwise CV_32F grey values, not clipped or rounded.

@@ -4,13 +4,9 @@
 #include <array>
 #include <cmath>
 
-namespace fringeslam::sim {
+#include "core/types/camera_pupil.h"
 
-double camera_pupil_m(const RigModel& rig) {
-  const CameraLens& lens = rig.camera_lens;
-  const double image_distance_m = lens.pixel_m * rig.camera.fx;
-  return 1 / (1 / image_distance_m + 1 / lens.focus_m) / lens.f_number;
-}
+namespace fringeslam::sim {
 
 double photons_per_lux_s(const RigModel& rig) {
   constexpr double kPlanckTimesLight = 6.62607015e-34 * 299792458;  // J m

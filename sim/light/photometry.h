@@ -15,9 +15,6 @@
 
 namespace fringeslam::sim {
 
-// Returns the diameter of the camera's entrance pupil, m.
-double camera_pupil_m(const RigModel& rig);
-
 // Returns the photons that an on-axis pixel collects per lux s of W (eq. 1).
 double photons_per_lux_s(const RigModel& rig);
 

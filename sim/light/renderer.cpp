@@ -36,15 +36,17 @@ std::shared_ptr<const Panes> panes_of(const Scene& scene, const Effects& effects
 struct RaysKey {
   Pinhole camera;
   int per_pixel;
-  double extent;
+  double extent, blur_px;
   bool operator==(const RaysKey&) const = default;
 };
 
-std::shared_ptr<const SampleRays> rays_of(const Pinhole& camera, int per_pixel, double extent) {
+std::shared_ptr<const SampleRays> rays_of(const RigModel& rig, const Effects& effects, int per_pixel, double extent) {
+  const double blur_px = effects.lens_blur ? rig.camera_lens.blur_px : 0;
   // The trials of studies and datasets usually have the same camera.
   static LastResult<RaysKey, std::shared_ptr<const SampleRays>> last;
-  return last.get({camera, per_pixel, extent},
-                  [&] { return std::make_shared<const SampleRays>(sample_rays(camera, per_pixel, extent)); });
+  return last.get({rig.camera, per_pixel, extent, blur_px}, [&] {
+    return std::make_shared<const SampleRays>(sample_rays(rig.camera, per_pixel, extent, blur_px));
+  });
 }
 
 }  // namespace
@@ -55,7 +57,7 @@ Renderer::Renderer(const Scene& scene, const Effects& effects, int samples_per_p
       world_(std::make_shared<const RayScene>(scene)),
       surfaces_(std::make_shared<const Surfaces>(scene, effects)),
       panes_(panes_of(scene, effects)),
-      rays_(rays_of(scene.rig.camera, samples_per_pixel, 1)) {}
+      rays_(rays_of(scene.rig, effects, samples_per_pixel, 1)) {}
 
 Renderer::Renderer(const Renderer& other, const Scene& scene, const Effects& effects, int samples_per_pixel,
                    double extent)
@@ -64,7 +66,7 @@ Renderer::Renderer(const Renderer& other, const Scene& scene, const Effects& eff
       world_(other.world_),
       surfaces_(other.surfaces_),
       panes_(other.panes_),
-      rays_(rays_of(scene.rig.camera, samples_per_pixel, extent)) {}
+      rays_(rays_of(scene.rig, effects, samples_per_pixel, extent)) {}
 
 namespace {
 

@@ -26,6 +26,50 @@ std::vector<Eigen::Vector2d> sample_offsets(int per_pixel) {
   return offsets;
 }
 
+// Few samples of a wide blur would show an edge several times.
+constexpr double kWidestBlur_px = 0.4;
+
+// Distribution of a sample's place along an axis: uniform over a pixel's edge, plus a Gaussian blur.
+class BlurredPixel {
+ public:
+  BlurredPixel(double extent_px, double blur_px) : half_px_(extent_px / 2), blur_px_(blur_px) {}
+
+  // Returns the place below which the share lies.
+  double quantile(double share) const {
+    double low = -half_px_ - 8 * blur_px_, high = -low;
+    for (int i = 0; i < 60; ++i) {
+      const double middle = (low + high) / 2;
+      (share_below(middle) < share ? low : high) = middle;
+    }
+    return (low + high) / 2;
+  }
+
+ private:
+  double share_below(double x) const {
+    return (integral((x + half_px_) / blur_px_) - integral((x - half_px_) / blur_px_)) * blur_px_ / (2 * half_px_);
+  }
+  // Integral of the normal distribution function.
+  static double integral(double x) {
+    return x * 0.5 * std::erfc(-x / std::numbers::sqrt2) + std::exp(-x * x / 2) / std::sqrt(2 * std::numbers::pi);
+  }
+
+  double half_px_, blur_px_;
+};
+
+// Spreads positions in the unit pixel over a blurred pixel: strata of equal light, with exactly the variance of the positions
+// plus that of the blur.
+void blur(std::vector<Eigen::Vector2d>& offsets, double extent, double blur_px) {
+  const BlurredPixel pixel(extent, blur_px);
+  double before = 0, after = 0;
+  for (Eigen::Vector2d& offset : offsets) {
+    before += offset.squaredNorm() * extent * extent;
+    for (double& place : offset) place = pixel.quantile(0.5 + place);
+    after += offset.squaredNorm();
+  }
+  const double wanted = before + 2 * blur_px * blur_px * static_cast<double>(offsets.size());
+  for (Eigen::Vector2d& offset : offsets) offset *= std::sqrt(wanted / after);
+}
+
 // Maps the square [-1, 1]^2 to the unit disc (concentric mapping).
 Eigen::Vector2d on_disc(double a, double b) {
   if (a == 0 && b == 0) return {0, 0};
@@ -75,11 +119,15 @@ std::vector<Eigen::Vector2d> pupil_offsets(const std::vector<Eigen::Vector2d>& i
 
 }  // namespace
 
-SampleRays sample_rays(const Pinhole& camera, int per_pixel, double extent) {
-  const std::vector<Eigen::Vector2d> offsets = sample_offsets(per_pixel);
+SampleRays sample_rays(const Pinhole& camera, int per_pixel, double extent, double blur_px) {
+  std::vector<Eigen::Vector2d> offsets = sample_offsets(per_pixel);
   SampleRays rays;
   rays.per_pixel = per_pixel;
   rays.extent = extent;
+  rays.blur_px = per_pixel > 1 ? std::min(blur_px, kWidestBlur_px) : 0;
+  if (rays.blur_px > 0) blur(offsets, extent, rays.blur_px);
+  else
+    for (Eigen::Vector2d& offset : offsets) offset *= extent;
   rays.pupil = pupil_offsets(offsets);
   const auto pixels = static_cast<size_t>(camera.width) * static_cast<size_t>(camera.height);
   rays.centres.resize(pixels);
@@ -90,10 +138,14 @@ SampleRays sample_rays(const Pinhole& camera, int per_pixel, double extent) {
       const Eigen::Vector2d centre(col, row);
       rays.centres[pixel] = camera.undistort(centre);
       for (size_t s = 0; s < offsets.size(); ++s)
-        rays.samples[pixel * offsets.size() + s] = camera.undistort(centre + extent * offsets[s]);
+        rays.samples[pixel * offsets.size() + s] = camera.undistort(centre + offsets[s]);
     }
   });
   return rays;
+}
+
+double remaining_blur_px(double blur_px, double sampled_px) {
+  return std::sqrt(std::max(0.0, blur_px * blur_px - sampled_px * sampled_px));
 }
 
 }  // namespace fringeslam::sim

@@ -1,5 +1,5 @@
 // SPDX-License-Identifier: Apache-2.0
-// Sample positions within a pixel and in the lens pupil.
+// Sample positions within a pixel and its blur, and in the lens pupil.
 #pragma once
 
 #include <Eigen/Core>
@@ -12,13 +12,19 @@ namespace fringeslam::sim {
 // Undistorted viewing rays (x, y, 1) of all samples of all pixels, camera frame; computed once per rig.
 struct SampleRays {
   int per_pixel = 1;
-  double extent = 1;                     // edge of the square over which a pixel's samples are spread, px
+  double extent = 1;                     // edge of a pixel's sensitive square, px
+  double blur_px = 0;                    // the part of the lens's point spread (standard deviation) that the samples contain
   std::vector<Eigen::Vector2d> samples;  // pixel-major
   std::vector<Eigen::Vector2d> centres;
   std::vector<Eigen::Vector2d> pupil;  // origin of each sample; the unit pupil, but for few points just outside
 };
 
-// Computes the rays of `per_pixel` samples (a square number) whose mean position is the pixel centre.
-SampleRays sample_rays(const Pinhole& camera, int per_pixel, double extent = 1);
+// Computes the rays of `per_pixel` samples (a square number) whose mean position is the pixel centre. They are spread over the
+// pixel's square, convolved with a Gaussian of `blur_px` (standard deviation) or as much of it as the samples can represent. An
+// image filtered afterwards would mix surfaces too far from their edges, as its pixels have lost the place of the light.
+SampleRays sample_rays(const Pinhole& camera, int per_pixel, double extent = 1, double blur_px = 0);
+
+// Returns the blur by which an image whose samples contain `sampled_px` must be filtered.
+double remaining_blur_px(double blur_px, double sampled_px);
 
 }  // namespace fringeslam::sim

@@ -92,7 +92,9 @@ double noise_radiance(double netd_k) {
 
 }  // namespace
 
-SampleRays thermal_rays(const RigModel& rig, int per_pixel) { return sample_rays(rig.thermal->lens, per_pixel); }
+SampleRays thermal_rays(const RigModel& rig, const Effects& effects, int per_pixel) {
+  return sample_rays(rig.thermal->lens, per_pixel, 1, effects.lens_blur ? rig.thermal->blur_px : 0);
+}
 
 cv::Mat1f thermal_image(const Scene& scene, const SampleRays& rays, const RayScene& world, const Surfaces& surfaces,
                         const Effects& effects, const Pose& world_from_camera, int stack,
@@ -110,9 +112,9 @@ cv::Mat1f thermal_image(const Scene& scene, const SampleRays& rays, const RaySce
       for (int i = 0; i < kPacket && first + i < lens.width; ++i) radiance(row, first + i) = sums[i] / rays.per_pixel;
     }
   });
-  if (effects.lens_blur && thermal.blur_px > 0)
-    radiance =
-        filtered(radiance, point_spread_half(thermal.blur_px), FilterBorder::replicated, selected_instruction_set());
+  const double blur_px = effects.lens_blur ? remaining_blur_px(thermal.blur_px, rays.blur_px) : 0;
+  if (blur_px > 0)
+    radiance = filtered(radiance, point_spread_half(blur_px), FilterBorder::replicated, selected_instruction_set());
 
   cv::Mat1f temperature_c(radiance.size());
   const NormalField noise(scene.seed, Stream::thermal_noise, static_cast<uint32_t>(stack), 0);

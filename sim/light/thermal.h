@@ -23,7 +23,7 @@ struct ThermalImaging {
 };
 
 // Computes the thermal camera's sample rays. The rig must have a thermal camera.
-SampleRays thermal_rays(const RigModel& rig, int per_pixel = 9);
+SampleRays thermal_rays(const RigModel& rig, const Effects& effects, int per_pixel = 9);
 
 // Renders the apparent temperatures, degrees C, of the thermal camera's pixels; `stack` keys the noise.
 cv::Mat1f thermal_image(const Scene& scene, const SampleRays& rays, const RayScene& world, const Surfaces& surfaces,

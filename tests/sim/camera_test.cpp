@@ -75,6 +75,38 @@ TEST(SampleRays, SamplesAreSpreadOverTheirPixel) {
   }
 }
 
+// A lens of blur sigma adds sigma^2 to the variance along each axis, without correlation between them; strata of equal light are
+// narrow in the middle.
+TEST(SampleRays, SamplesContainTheBlurOfTheLens) {
+  const Pinhole camera{3, 3, 1, 1, 0, 0, {}};  // rays are pixel coordinates
+  for (const double blur_px : {0.1, 0.3, 0.4}) {
+    for (const int per_pixel : {4, 9, 16, 64}) {
+      for (const double extent : {1.0, 0.25}) {
+        const SampleRays rays = sample_rays(camera, per_pixel, extent, blur_px);
+        EXPECT_EQ(rays.blur_px, blur_px);
+        Eigen::Vector2d mean = Eigen::Vector2d::Zero();
+        Eigen::Matrix2d moments = Eigen::Matrix2d::Zero();
+        for (int s = 0; s < per_pixel; ++s) {
+          const Eigen::Vector2d& ray = rays.samples[static_cast<size_t>(s)];
+          mean += ray / per_pixel, moments += ray * ray.transpose() / per_pixel;
+        }
+        const double n = per_pixel, variance = extent * extent * (1 - 1 / (n * n)) / 12 + blur_px * blur_px;
+        EXPECT_LT(mean.norm(), 1e-12) << per_pixel;
+        EXPECT_LT((moments - variance * Eigen::Matrix2d::Identity()).norm(), 1e-12) << per_pixel << ' ' << blur_px;
+      }
+    }
+  }
+}
+
+TEST(SampleRays, SingleAndFewSamplesLeaveBlurToTheImage) {
+  const Pinhole camera{3, 3, 1, 1, 0, 0, {}};
+  EXPECT_EQ(sample_rays(camera, 1, 1, 0.3).blur_px, 0);
+  EXPECT_EQ(sample_rays(camera, 1, 1, 0.3).samples[0], Eigen::Vector2d(0, 0));
+  const double sampled_px = sample_rays(camera, 4, 1, 1.5).blur_px;
+  EXPECT_LT(sampled_px, 1.5);
+  EXPECT_NEAR(std::hypot(sampled_px, remaining_blur_px(1.5, sampled_px)), 1.5, 1e-12);
+}
+
 // The covariance of pixel plus c times pupil positions is that of the pixel positions plus c^2 times that of a disc, for
 // c of both signs: before and behind the focus.
 TEST(SampleRays, PupilBlursAsADisc) {

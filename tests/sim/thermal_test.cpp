@@ -46,7 +46,7 @@ cv::Mat1f image_of(const Scene& scene, const ThermalImaging& imaging = {false, f
                    const Effects& effects = Effects(), int per_pixel = 4) {
   const RayScene world(scene);
   const Surfaces surfaces(scene, effects);
-  return thermal_image(scene, thermal_rays(scene.rig, per_pixel), world, surfaces, effects, {}, 0, imaging);
+  return thermal_image(scene, thermal_rays(scene.rig, effects, per_pixel), world, surfaces, effects, {}, 0, imaging);
 }
 
 double centre(const cv::Mat1f& image) { return static_cast<double>(image(image.rows / 2, image.cols / 2)); }

@@ -1,0 +1,137 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "core/depth/texture_bias.h"
+
+#include <gmock/gmock.h>
+
+#include <cmath>
+#include <limits>
+#include <opencv2/core.hpp>
+
+#include "core/depth/depth.h"
+#include "tests/support/scene.h"
+
+namespace fringeslam {
+namespace {
+
+using support::plane;
+using support::seen_columns;
+using support::small_rig;
+
+constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
+constexpr InstructionSet kSets[] = {InstructionSet::portable, InstructionSet::avx2, InstructionSet::avx512};
+
+struct Images {
+  cv::Mat1f coordinate_px, modulation_dn;
+
+  // Coordinate 1.5 col - 0.3 row and modulation exp(0.04 col + 0.02 row).
+  explicit Images(int rows = 9, int cols = 37) : coordinate_px(rows, cols), modulation_dn(rows, cols) {
+    for (int row = 0; row < rows; ++row) {
+      for (int col = 0; col < cols; ++col) {
+        coordinate_px(row, col) = static_cast<float>(1.5 * col - 0.3 * row);
+        modulation_dn(row, col) = static_cast<float>(50 * std::exp(0.04 * col + 0.02 * row));
+      }
+    }
+  }
+
+  cv::Mat1f gradient(InstructionSet set = InstructionSet::portable) const {
+    cv::Mat1f result(coordinate_px.size(), kNaN);
+    for (int row = 1; row + 1 < result.rows; ++row) {
+      const auto rows = [&](const cv::Mat1f& image) { return ThreeRows{image[row - 1], image[row], image[row + 1]}; };
+      texture_gradient_row(rows(coordinate_px), rows(modulation_dn), result.cols, result[row], set);
+    }
+    return result;
+  }
+};
+
+TEST(TextureGradient, IsTheProductOfTheGradients) {
+  const cv::Mat1f gradient = Images().gradient();
+  for (int col = 1; col + 1 < gradient.cols; ++col) EXPECT_NEAR(gradient(4, col), 1.5 * 0.04 - 0.3 * 0.02, 1e-4) << col;
+  EXPECT_EQ(gradient(4, 0), 0);
+  EXPECT_EQ(gradient(4, gradient.cols - 1), 0);
+}
+
+TEST(TextureGradient, HasTheSameBitsOnAllInstructionSets) {
+  Images images;
+  images.coordinate_px(3, 9) = kNaN;
+  images.modulation_dn(4, 20) = 5;
+  const cv::Mat1f expected = images.gradient();
+  for (const InstructionSet set : kSets) {
+    if (set > widest_instruction_set()) continue;
+    const cv::Mat1f gradient = images.gradient(set);
+    for (int row = 1; row + 1 < gradient.rows; ++row) {
+      for (int col = 0; col < gradient.cols; ++col) EXPECT_EQ(gradient(row, col), expected(row, col));
+    }
+  }
+}
+
+// Across a missing neighbor or a step of the surface, only the other axis counts.
+TEST(TextureGradient, StopsAtEdgesOfTheSurface) {
+  for (const float neighbor_px : {kNaN, 1.5f * 11 + 1, 1.5f * 11 - 1}) {
+    Images images;
+    images.coordinate_px(4, 11) = neighbor_px + (std::isnan(neighbor_px) ? 0 : -0.3f * 4);
+    EXPECT_NEAR(images.gradient()(4, 10), -0.3 * 0.02, 1e-4);
+  }
+}
+
+// A pixel beside one that is half in shadow collects none of that pixel's darkness.
+TEST(TextureGradient, TakesTheSmallerDifferenceAtEdgesOfTheLight) {
+  Images images;
+  images.modulation_dn(4, 11) *= 0.5f;
+  EXPECT_NEAR(images.gradient()(4, 10), -0.3 * 0.02, 1e-4);  // differences of opposite signs
+  images.modulation_dn(4, 11) *= 4;
+  EXPECT_NEAR(images.gradient()(4, 10), 1.5 * 0.04 - 0.3 * 0.02, 1e-4);  // the difference on the other side
+}
+
+TEST(TextureGradient, IsZeroWithoutModulation) {
+  Images images;
+  images.modulation_dn.setTo(0);
+  EXPECT_EQ(cv::countNonZero(images.gradient().rowRange(1, 8)), 0);
+}
+
+// A plane whose modulation grows exponentially, decoded at the centroid of a pixel's light, is in its place.
+TEST(TextureCorrection, ReturnsAPlaneBesideTexture) {
+  RigModel rig = small_rig(false);
+  rig.camera_lens = {10e-6, 4, 0.9, 0.9, 0.3, 4};
+  const Eigen::Vector3d normal = Eigen::Vector3d(0.4, -0.2, -1).normalized();
+  constexpr double kGrowth = 0.15;  // per px
+  DecodedStack exact = seen_columns(plane(normal, normal.z()), rig, {}, 0.01);
+  exact.finest_period_px = 16;
+  exact.modulation.create(exact.coordinate_px.size());
+  for (int row = 0; row < exact.modulation.rows; ++row) {
+    for (int col = 0; col < exact.modulation.cols; ++col)
+      exact.modulation(row, col) = static_cast<float>(0.01 * std::exp(kGrowth * col));
+  }
+  DepthOptions off;
+  off.texture_correction = false;
+  const Frame truth = reconstruct(exact, rig, pixel_rays(rig.camera), off);
+  // Pupil 1 / (1 / image distance + 1 / focus) / f-number; the variance of a disc is a sixteenth of its squared diameter.
+  const double image_m = rig.camera_lens.pixel_m * rig.camera.fx, pupil_m = 1 / (1 / image_m + 1 / 0.9) / 4;
+  DecodedStack biased = exact;
+  for (int row = 0; row < exact.modulation.rows; ++row) {
+    for (int col = 1; col + 1 < exact.modulation.cols; ++col) {
+      const double circle_px =
+          pupil_m * rig.camera.fx * (1 / static_cast<double>(truth.points_m(row, col)[2]) - 1 / 0.9);
+      const double variance_px2 = 1.0 / 12 + 0.09 + circle_px * circle_px / 16;
+      const double slope =
+          static_cast<double>(exact.coordinate_px(row, col + 1) - exact.coordinate_px(row, col - 1)) / 2;
+      biased.coordinate_px(row, col) += static_cast<float>(variance_px2 * kGrowth * slope);
+    }
+  }
+  const Frame uncorrected = reconstruct(biased, rig, pixel_rays(rig.camera), off),
+              corrected = reconstruct(biased, rig, pixel_rays(rig.camera), {});
+  int compared = 0;
+  for (int row = 2; row + 2 < truth.height(); ++row) {
+    for (int col = 2; col + 2 < truth.width(); ++col) {
+      const auto error = [&](const Frame& frame) {
+        return std::abs(static_cast<double>(frame.points_m(row, col)[2] - truth.points_m(row, col)[2]));
+      };
+      if (std::isnan(error(uncorrected))) continue;
+      ASSERT_LT(error(corrected), 0.05 * error(uncorrected)) << row << ' ' << col;
+      ++compared;
+    }
+  }
+  EXPECT_GT(compared, 100);
+}
+
+}  // namespace
+}  // namespace fringeslam
