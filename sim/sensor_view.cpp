@@ -19,6 +19,13 @@ Effects reduced_effects() {
   return effects;
 }
 
+// Blur would mark all pixels of narrow faces as mixed, although most of them still show their face.
+Effects sampled_effects() {
+  Effects effects = reduced_effects();
+  effects.lens_blur = false;
+  return effects;
+}
+
 Scene reduced(Scene scene) {
   const auto part = [](int length) { return std::max(1, length / SensorView::kReduction); };
   scene.rig = with_camera_size(scene.rig, {part(scene.rig.camera.width), part(scene.rig.camera.height)});
@@ -62,7 +69,7 @@ SensorView::SensorView(const Scene& scene)
       reduced_scene_(reduced(scene)),
       full_(scene, {}, kSamples),
       reduced_(full_, reduced_scene_, reduced_effects(), kSamples),
-      sampled_(full_, reduced_scene_, reduced_effects(), kSamples, 1.0 / kReduction),
+      sampled_(full_, reduced_scene_, sampled_effects(), kSamples, 1.0 / kReduction),
       full_camera_(scene.rig, {}, scene.seed, full_.rays().blur_px),
       reduced_camera_(reduced_scene_.rig, reduced_effects(), scene.seed, reduced_.rays().blur_px) {}
 

@@ -47,7 +47,8 @@ class SensorView {
   // NaN without light. Empty if the scene has no such light, or if `stop` returned true meanwhile.
   cv::Mat1f indirect_share(const Pose& world_from_robot, bool reduced, const Stop& stop = nullptr);
   // A stack of reduced images under all patterns, without noise, and its ground truth without time and fringe orders. Its
-  // pixels are as small as those of the full images, of which they are a sample, so that small surfaces keep their share.
+  // pixels are as small as those of the full images, of which they are a sample, so that small surfaces keep their share; the lens
+  // does not blur them.
   struct Stack {
     FringeStack stack;
     TruthFrame truth;

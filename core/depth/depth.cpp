@@ -64,6 +64,12 @@ cv::Mat1f with_footprint_noise(const cv::Mat1f& sigma_m, const FitImage& image, 
   return result;
 }
 
+// The members of an ensemble modulate differently, so that a change of member looks like texture.
+bool corrects_texture(const DecodedStack& decoded, const Triangulation& triangulation, const DepthOptions& options) {
+  return options.texture_correction && decoded.finest_period_px > 0 && decoded.unwrapping != Unwrapping::ensemble &&
+         decoded.modulation.size() == decoded.coordinate_px.size() && triangulation.modulation_shows_texture();
+}
+
 StepLimit step_limit(const Triangulation& triangulation, const DepthOptions& options) {
   return {static_cast<float>(std::tan(options.max_slope_deg * std::numbers::pi / 180) * triangulation.pixel_angle())};
 }
@@ -90,18 +96,21 @@ void triangulate(Frame& frame, const DecodedStack& decoded, const Triangulation&
   const float per_depth = step_limit(triangulation, options).per_depth;
   const auto max_sigma = static_cast<float>(options.max_sigma_m);
   const auto to_grey = static_cast<float>(255 / decoded.full_scale_dn);
-  const bool corrects_texture =
-      options.texture_correction && decoded.finest_period_px > 0 && decoded.modulation.size() == size;
+  const bool corrects = corrects_texture(decoded, triangulation, options);
+  const auto phase_per_px = static_cast<float>(corrects ? 2 * std::numbers::pi / decoded.finest_period_px : 0);
   for_each_range(size.height, [&](int first, int end) {
-    std::vector<float> gradient(static_cast<size_t>(size.width), 0.0f);
+    std::vector<float> gradient(static_cast<size_t>(size.width)), noise(gradient.size());
     for (int row = first; row < end; ++row) {
-      if (corrects_texture) {
-        const int above = std::max(row - 1, 0), below = std::min(row + 1, size.height - 1);
-        const auto rows = [&](const cv::Mat1f& image) { return ThreeRows{image[above], image[row], image[below]}; };
-        texture_gradient_row(rows(decoded.coordinate_px), rows(decoded.modulation), size.width, gradient.data(), set);
+      TextureGradient texture;
+      if (corrects && row > 0 && row + 1 < size.height) {
+        const auto rows = [&](const cv::Mat1f& image) { return ThreeRows{image[row - 1], image[row], image[row + 1]}; };
+        texture_gradient_row(
+            {rows(decoded.coordinate_px), rows(decoded.modulation), decoded.sigma_px[row], phase_per_px}, size.width,
+            gradient.data(), noise.data(), set);
+        texture = {gradient.data(), noise.data()};
       }
       triangulation.row(row, decoded.coordinate_px[row], decoded.sigma_px[row], max_sigma, depth[row + 1], sigma[row],
-                        set, gradient.data());
+                        set, texture);
       const float* mean = decoded.mean[row];
       for (int col = 0; col < size.width; ++col)
         frame.texture[row][col] = static_cast<uchar>(std::clamp(to_grey * mean[col] + 0.5f, 0.0f, 255.0f));

@@ -8,15 +8,22 @@
 
 namespace fringeslam {
 
-// A row of an image between its neighbors; beyond the border, the row itself.
+// A row of an image between its neighbors.
 struct ThreeRows {
   const float *above, *here, *below;
 };
 
-// Computes grad(ln B) . grad(u), 1/px, of a row, from central differences. An axis contributes nothing where u bends by more
-// than half a projector pixel or a neighbor is missing, as at edges of surfaces; where ln B bends, the smallest difference counts,
-// because light mixed at an edge beside the pixel does not reach it. The first and the last pixel are 0.
-void texture_gradient_row(const ThreeRows& coordinate_px, const ThreeRows& modulation_dn, int width, float* gradient,
-                          InstructionSet set);
+struct TextureRows {
+  ThreeRows coordinate_px, modulation_dn;
+  const float* sigma_px;  // of the coordinate
+  float
+      phase_per_px;  // of the fringes, rad per projector px: the relative noise of the modulation is that of the phase
+};
+
+// Computes from central differences, for each pixel of a row, `gradient` = grad(ln B) . grad(u), 1/px, and `noise`, its variance
+// relative to that of the coordinate. An axis contributes nothing where u bends by more than half a projector pixel or a neighbor
+// is missing, as at edges of surfaces. Where ln B bends beyond its noise, the smaller difference counts, because light mixed at an
+// edge beside the pixel does not reach it. Both are 0 at the first and the last pixel.
+void texture_gradient_row(const TextureRows& rows, int width, float* gradient, float* noise, InstructionSet set);
 
 }  // namespace fringeslam

@@ -115,11 +115,20 @@ double clipped(const Coordinate& coordinate, const Scale& scale, double end, dou
 // Pixels are squares, and the circle of confusion is a uniform disc, whose variance along an axis is a sixteenth of its squared
 // diameter.
 Triangulation::PointSpread point_spread_of(const RigModel& rig) {
-  const CameraLens& lens = rig.camera_lens;
-  const double circle_px_m =
-      camera_pupil_m(rig) * rig.camera.fx;  // per difference of the inverse depth from that of the focus
+  const CameraLens &lens = rig.camera_lens, nominal;
+  const bool stated =
+      lens.pixel_m != nominal.pixel_m || lens.f_number != nominal.f_number || lens.focus_m != nominal.focus_m;
+  // Diameter per difference of the inverse depth from that of the focus.
+  const double circle_px_m = stated ? camera_pupil_m(rig) * rig.camera.fx : 0;
   return {static_cast<float>(1.0 / 12 + lens.blur_px * lens.blur_px),
           static_cast<float>(circle_px_m * circle_px_m / 16), static_cast<float>(1 / lens.focus_m)};
+}
+
+// The harmonics that displace the phase, by up to 0.03 rad here, change the modulation by the same share.
+bool modulation_shows_texture(const PhaseCorrection& correction) {
+  constexpr double kMostRipple = 0.03;
+  return std::all_of(correction.offset_rad.begin(), correction.offset_rad.end(),
+                     [&](double offset_rad) { return std::abs(offset_rad) <= kMostRipple; });
 }
 
 // Interval of inverse depth in which a ray passes through the projector's field.
@@ -229,7 +238,7 @@ struct TriangulationRow {
 };
 
 FRINGESLAM_INLINE void row_body(const TriangulationRow& t, int width, const float* coordinate, const float* sigma_px,
-                                const float* texture_gradient, float* depth, float* sigma) {
+                                const TextureGradient& texture, float* depth, float* sigma) {
   const float *c0 = t.coefficients[0], *c1 = t.coefficients[1], *c2 = t.coefficients[2], *c3 = t.coefficients[3],
               *c4 = t.coefficients[4], *c5 = t.coefficients[5];
 #pragma GCC ivdep
@@ -238,8 +247,10 @@ FRINGESLAM_INLINE void row_body(const TriangulationRow& t, int width, const floa
     const float w = c0[i] + s * (c1[i] + s * (c2[i] + s * (c3[i] + s * (c4[i] + s * c5[i]))));
     const float slope = c1[i] + s * (2 * c2[i] + s * (3 * c3[i] + s * (4 * c4[i] + s * (5 * c5[i]))));
     const float per_px = slope * t.per_px[i];
-    const float z = 1 / (w - per_px * t.point_spread.variance_px2(w) * texture_gradient[i]);
-    const float spread = z * z * std::abs(per_px) * sigma_px[i];
+    const float variance_px2 = t.point_spread.variance_px2(w);
+    const float z = 1 / (w - per_px * variance_px2 * texture.gradient[i]);
+    const float noise = std::sqrt(1 + variance_px2 * variance_px2 * texture.noise[i]);
+    const float spread = z * z * std::abs(per_px) * sigma_px[i] * noise;
     const bool valid = (std::abs(s) <= kBeyond) & (z >= t.near_m) & (z <= t.far_m) & (spread <= t.max_sigma_m);
     depth[i] = valid ? z : kNaN;
     sigma[i] = valid ? spread : kNaN;
@@ -282,7 +293,8 @@ Triangulation::Triangulation(const RigModel& rig, const PixelRays& rays, double 
       near_m_(near_m),
       far_m_(far_m),
       pixel_angle_(1 / rig.camera.fx),
-      point_spread_(point_spread_of(rig)) {
+      point_spread_(point_spread_of(rig)),
+      modulation_shows_texture_(fringeslam::modulation_shows_texture(rig.phase_correction)) {
   if (!(near_m < far_m))
     throw Error("depth.near_m is " + to_text(near_m) + " but depth.far_m is " + to_text(far_m) +
                 "; near_m must be smaller than far_m");
@@ -351,16 +363,17 @@ Triangulation::Triangulation(const RigModel& rig, const PixelRays& rays, double 
 }
 
 void Triangulation::row(int row, const float* coordinate_px, const float* sigma_px, float max_sigma_m, float* depth_m,
-                        float* sigma_m, InstructionSet set, const float* texture_gradient) const {
+                        float* sigma_m, InstructionSet set, const TextureGradient& texture) const {
   TriangulationRow t{
       {},         centre_[row], per_px_[row], point_spread_, static_cast<float>(near_m_), static_cast<float>(far_m_),
       max_sigma_m};
   for (size_t k = 0; k < kNodes; ++k) t.coefficients[k] = coefficients_[k][row];
   const int width = rays_.cols;
-  std::vector<float> with_error, plain;
-  if (!texture_gradient) {
-    plain.assign(static_cast<size_t>(width), 0.0f);
-    texture_gradient = plain.data();
+  std::vector<float> with_error, none;
+  TextureGradient used = texture;
+  if (!used.gradient) {
+    none.assign(static_cast<size_t>(width), 0.0f);
+    used = {none.data(), none.data()};
   }
   if (!error_px_.empty()) {
     with_error.resize(static_cast<size_t>(width));
@@ -368,7 +381,7 @@ void Triangulation::row(int row, const float* coordinate_px, const float* sigma_
       with_error[static_cast<size_t>(col)] = std::hypot(sigma_px[col], error_px_(row, col));
     sigma_px = with_error.data();
   }
-  Variants<row_body>::of(set)(t, width, coordinate_px, sigma_px, texture_gradient, depth_m, sigma_m);
+  Variants<row_body>::of(set)(t, width, coordinate_px, sigma_px, used, depth_m, sigma_m);
 }
 
 void points_row(const DepthRows& rows, int width, float per_depth, float* depth, cv::Vec3f* points, float* sigma,

@@ -23,6 +23,11 @@
 
 namespace fringeslam {
 
+// A row of texture_gradient_row().
+struct TextureGradient {
+  const float *gradient = nullptr, *noise = nullptr;
+};
+
 class Triangulation {
  public:
   static constexpr int kDegree = 5;
@@ -38,7 +43,8 @@ class Triangulation {
   double far_m() const { return far_m_; }
   double pixel_angle() const { return pixel_angle_; }  // angle of a camera pixel on the axis, rad
 
-  // Variance of the camera's point spread along each axis, pixel included, at an inverse depth.
+  // Variance of the camera's point spread along each axis, pixel included, at an inverse depth. Defocus is unknown and 0 if
+  // none of the lens's pixel_m, f_number and focus_m has been stated.
   struct PointSpread {
     float in_focus_px2 = 0, defocus_px2_m2 = 0, focus_per_m = 0;
     float variance_px2(float inverse_depth) const {
@@ -49,15 +55,18 @@ class Triangulation {
   const PointSpread& point_spread() const { return point_spread_; }
 
   // Computes depth and sigma of one row of coordinates; NaN where unavailable, outside [near_m, far_m], or above
-  // max_sigma_m. The bias due to `texture_gradient`, that of texture_gradient_row(), is subtracted from the coordinates; null:
-  // there is no texture.
+  // max_sigma_m. `texture`, if given, is the result of texture_gradient_row(), whose bias is subtracted from the coordinates.
   void row(int row, const float* coordinate_px, const float* sigma_px, float max_sigma_m, float* depth_m,
-           float* sigma_m, InstructionSet set, const float* texture_gradient = nullptr) const;
+           float* sigma_m, InstructionSet set, const TextureGradient& texture = {}) const;
+
+  // False if a nonlinear projector makes the modulation follow the phase, so that its gradients are not those of texture.
+  bool modulation_shows_texture() const { return modulation_shows_texture_; }
 
  private:
   PixelRays rays_;
   double near_m_, far_m_, pixel_angle_;
   PointSpread point_spread_;
+  bool modulation_shows_texture_;
   std::array<cv::Mat1f, kDegree + 1> coefficients_;
   cv::Mat1f centre_, per_px_;  // s = (u - centre) * per_px
   cv::Mat1f error_px_;         // of the polynomial; empty if negligible

@@ -238,7 +238,9 @@ class FringeFrontEnd::Compensation {
   cv::Mat1f decoded_depth() const {
     enter_stage("depth");
     Frame frame;
-    triangulate(frame, view_.decoded, front_end_.triangulation_, front_end_.options_.depth);
+    DepthOptions rough = front_end_.options_.depth;
+    rough.texture_correction = false;
+    triangulate(frame, view_.decoded, front_end_.triangulation_, rough);
     return filled_depth_of(frame);
   }
 

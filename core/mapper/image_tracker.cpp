@@ -35,6 +35,7 @@ ImageReference image_reference(const ReconstructedView& view, const FringeStack&
     reference.shifts_rad.push_back(pattern.shift_rad);
     reference.times_s.push_back(stack.exposure_time_s[k] - stack.timestamp_s);
   }
+  reference.coordinate_px = view.decoded.coordinate_px;
   if (view.motion && view.motion->converged) {
     reference.motion = view.motion->motion;
     reference.motion_covariance = view.motion->covariance;

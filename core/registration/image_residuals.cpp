@@ -58,6 +58,7 @@ enum Quantity {
   kNormalX,
   kNormalY,
   kNormalZ,
+  kBias,  // of the column that the images show beside texture, px
   kQuantities
 };
 
@@ -220,7 +221,7 @@ FRINGESLAM_INLINE void sum_body(const PointValues& points, const Samples& sample
                   radial = 1 + r2 * (l.k1 + r2 * (l.k2 + r2 * l.k3));
       const float column = l.fx * (la * radial + 2 * l.p1 * la * lb + l.p2 * (r2 + 2 * la * la)) + l.cx;
       const float row = l.fy * (lb * radial + l.p1 * (r2 + 2 * lb * lb) + 2 * l.p2 * la * lb) + l.cy;
-      const float coordinate = along_u * column + along_v * row;
+      const float coordinate = along_u * (column + points.of[kBias][i]) + along_v * row;
 
       // Cosine and sine by the half angle, at most a quarter turn.
       const float phase = s.wave.turns_per_px * coordinate + s.wave.turns;
@@ -385,7 +386,9 @@ ImageResiduals::ImageResiduals(const RigModel& rig, const ImageReference& refere
   const Frame& frame = reference.frame;
   const cv::Size size = frame.points_m.size();
   if (frame.sigma_m.size() != size || frame.normals.size() != size || reference.mean_dn.size() != size ||
-      reference.modulation_dn.size() != size || size != cv::Size(rig.camera.width, rig.camera.height))
+      reference.modulation_dn.size() != size ||
+      (!reference.coordinate_px.empty() && reference.coordinate_px.size() != size) ||
+      size != cv::Size(rig.camera.width, rig.camera.height))
     throw Error("image pose: the images of the reference and the camera differ in size");
   // Gradients of the images themselves would be mostly noise, which biases the pose and makes it look too certain. Without
   // the gradients of shading, smooth errors of the predicted brightness do not look like a motion.
@@ -426,6 +429,9 @@ ImageResiduals::ImageResiduals(const RigModel& rig, const ImageReference& refere
     set(kMean, mean);
     set(kModulation, modulation);
     const Estimator estimator = estimator_of(point);
+    set(kBias, reference.coordinate_px.empty()
+                   ? 0
+                   : static_cast<double>(reference.coordinate_px(at)) - estimator.coordinate_px);
     // From the errors of I', I'' cos phi and I'' sin phi to those of I', I'' and I'' phi.
     Eigen::Matrix3d to_polar = Eigen::Matrix3d::Identity();
     const double c = std::cos(estimator.phase_rad), sn = std::sin(estimator.phase_rad);

@@ -26,6 +26,9 @@ struct ImageReference {
   // The motion that the view was decoded with, and its covariance.
   CameraMotion motion = {};
   Matrix12d motion_covariance = Matrix12d::Zero();
+  // The coordinate that the view was decoded to, from which the points have been corrected for texture (docs/method.md, section
+  // 4.1); images show the same bias. Empty: that of the points.
+  cv::Mat1f coordinate_px = {};
 };
 
 // Parameters of an image: its pose, in the order of retract(), and the changes of gain and contrast.

@@ -48,8 +48,9 @@ struct PhaseCorrection {
   std::vector<double> offset_rad;
 };
 
-// Lens properties other than the projection geometry. The simulator uses all of them; motion compensation uses
-// `vignetting` alone.
+// Lens properties other than the projection geometry. The simulator uses all of them. Motion compensation uses `vignetting`,
+// and the correction of points beside texture uses `blur_px` and, if they have been stated, `pixel_m`, `f_number` and `focus_m`
+// of the camera.
 struct CameraLens {
   double pixel_m = 10e-6;     // pitch of the sensor's pixels
   double f_number = 8;        // focal length / entrance pupil diameter

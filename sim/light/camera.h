@@ -26,7 +26,7 @@ class Camera {
  public:
   // `seed` selects the sensor specimen, that is, the fixed pattern of PRNU and DSNU. `sampled_blur_px` is the part of the lens
   // blur that the light already contains (SampleRays::blur_px).
-  Camera(const RigModel& rig, const Effects& effects, uint64_t seed, double sampled_blur_px = 0);
+  Camera(const RigModel& rig, const Effects& effects, uint64_t seed, double sampled_blur_px);
 
   // Converts light, lux, to mean electrons per second, with the rest of the lens blur, vignetting and pixel response.
   cv::Mat1f electrons_per_s(const cv::Mat1f& lux) const;

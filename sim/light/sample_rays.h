@@ -12,8 +12,8 @@ namespace fringeslam::sim {
 // Undistorted viewing rays (x, y, 1) of all samples of all pixels, camera frame; computed once per rig.
 struct SampleRays {
   int per_pixel = 1;
-  double extent = 1;                     // edge of a pixel's sensitive square, px
-  double blur_px = 0;                    // the part of the lens's point spread (standard deviation) that the samples contain
+  double extent = 1;   // edge of a pixel's sensitive square, px
+  double blur_px = 0;  // the part of the lens's point spread (standard deviation) that the samples contain
   std::vector<Eigen::Vector2d> samples;  // pixel-major
   std::vector<Eigen::Vector2d> centres;
   std::vector<Eigen::Vector2d> pupil;  // origin of each sample; the unit pupil, but for few points just outside

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 #include <opencv2/core.hpp>
+#include <vector>
 
 #include "core/depth/depth.h"
 #include "tests/support/scene.h"
@@ -20,8 +21,11 @@ using support::small_rig;
 constexpr float kNaN = std::numeric_limits<float>::quiet_NaN();
 constexpr InstructionSet kSets[] = {InstructionSet::portable, InstructionSet::avx2, InstructionSet::avx512};
 
+constexpr float kPhasePerPx = 0.4f;
+
 struct Images {
   cv::Mat1f coordinate_px, modulation_dn;
+  float sigma_px = 0.01f;
 
   // Coordinate 1.5 col - 0.3 row and modulation exp(0.04 col + 0.02 row).
   explicit Images(int rows = 9, int cols = 37) : coordinate_px(rows, cols), modulation_dn(rows, cols) {
@@ -33,14 +37,20 @@ struct Images {
     }
   }
 
-  cv::Mat1f gradient(InstructionSet set = InstructionSet::portable) const {
-    cv::Mat1f result(coordinate_px.size(), kNaN);
-    for (int row = 1; row + 1 < result.rows; ++row) {
+  struct Result {
+    cv::Mat1f gradient, noise;
+  };
+  Result result(InstructionSet set = InstructionSet::portable) const {
+    Result result{cv::Mat1f(coordinate_px.size(), kNaN), cv::Mat1f(coordinate_px.size(), kNaN)};
+    const std::vector<float> sigmas(static_cast<size_t>(coordinate_px.cols), sigma_px);
+    for (int row = 1; row + 1 < coordinate_px.rows; ++row) {
       const auto rows = [&](const cv::Mat1f& image) { return ThreeRows{image[row - 1], image[row], image[row + 1]}; };
-      texture_gradient_row(rows(coordinate_px), rows(modulation_dn), result.cols, result[row], set);
+      texture_gradient_row({rows(coordinate_px), rows(modulation_dn), sigmas.data(), kPhasePerPx}, coordinate_px.cols,
+                           result.gradient[row], result.noise[row], set);
     }
     return result;
   }
+  cv::Mat1f gradient() const { return result().gradient; }
 };
 
 TEST(TextureGradient, IsTheProductOfTheGradients) {
@@ -54,14 +64,32 @@ TEST(TextureGradient, HasTheSameBitsOnAllInstructionSets) {
   Images images;
   images.coordinate_px(3, 9) = kNaN;
   images.modulation_dn(4, 20) = 5;
-  const cv::Mat1f expected = images.gradient();
+  const Images::Result expected = images.result();
   for (const InstructionSet set : kSets) {
     if (set > widest_instruction_set()) continue;
-    const cv::Mat1f gradient = images.gradient(set);
-    for (int row = 1; row + 1 < gradient.rows; ++row) {
-      for (int col = 0; col < gradient.cols; ++col) EXPECT_EQ(gradient(row, col), expected(row, col));
+    const Images::Result result = images.result(set);
+    for (int row = 1; row + 1 < result.gradient.rows; ++row) {
+      for (int col = 0; col < result.gradient.cols; ++col) {
+        EXPECT_EQ(result.gradient(row, col), expected.gradient(row, col));
+        EXPECT_EQ(result.noise(row, col), expected.noise(row, col));
+      }
     }
   }
+}
+
+// The differences of u have half of its variance, and those of ln B half of that of the phase.
+TEST(TextureGradient, NoiseIsThatOfBothDifferences) {
+  const double slopes = 1.5 * 1.5 + 0.3 * 0.3, growths = 0.04 * 0.04 + 0.02 * 0.02;
+  const double phase_per_px = kPhasePerPx;
+  EXPECT_NEAR(Images().result().noise(4, 10), 0.5 * (phase_per_px * phase_per_px * slopes + growths), 1e-4);
+}
+
+TEST(TextureGradient, NoiseOfTheModulationIsNoEdge) {
+  Images images;
+  images.modulation_dn(4, 11) *= 1.3f;
+  EXPECT_NEAR(images.gradient()(4, 10), 1.5 * 0.04 - 0.3 * 0.02, 1e-4);
+  images.sigma_px = 0.1f;
+  EXPECT_GT(images.gradient()(4, 10), 1.5 * 0.15);
 }
 
 // Across a missing neighbor or a step of the surface, only the other axis counts.
@@ -107,6 +135,7 @@ TEST(TextureCorrection, ReturnsAPlaneBesideTexture) {
   // Pupil 1 / (1 / image distance + 1 / focus) / f-number; the variance of a disc is a sixteenth of its squared diameter.
   const double image_m = rig.camera_lens.pixel_m * rig.camera.fx, pupil_m = 1 / (1 / image_m + 1 / 0.9) / 4;
   DecodedStack biased = exact;
+  biased.coordinate_px = exact.coordinate_px.clone();
   for (int row = 0; row < exact.modulation.rows; ++row) {
     for (int col = 1; col + 1 < exact.modulation.cols; ++col) {
       const double circle_px =
@@ -131,6 +160,20 @@ TEST(TextureCorrection, ReturnsAPlaneBesideTexture) {
     }
   }
   EXPECT_GT(compared, 100);
+  // No correction where the modulation does not show texture, and that of the pixel alone without a stated lens.
+  const auto depth = [&](const RigModel& of, const DecodedStack& decoded) {
+    return reconstruct(decoded, of, pixel_rays(of.camera), {}).points_m(60, 60)[2];
+  };
+  RigModel nonlinear = rig, nominal = rig;
+  nonlinear.phase_correction = {3, {0, 0.05, 0, -0.05}};
+  EXPECT_EQ(depth(nonlinear, biased), uncorrected.points_m(60, 60)[2]);
+  DecodedStack ensemble = biased;
+  ensemble.unwrapping = Unwrapping::ensemble;
+  EXPECT_EQ(depth(rig, ensemble), uncorrected.points_m(60, 60)[2]);
+  nominal.camera_lens = {};
+  const float nominal_shift_m = depth(nominal, biased) - uncorrected.points_m(60, 60)[2];
+  nominal.camera_lens.blur_px = 0.5;
+  EXPECT_NEAR((depth(nominal, biased) - uncorrected.points_m(60, 60)[2]) / nominal_shift_m, 4, 0.02);  // 1/12 + 1/4
 }
 
 }  // namespace

@@ -23,7 +23,7 @@ cv::Mat expose(const cv::Mat1f& electrons, const SensorModel& sensor, const Expo
   RigModel rig;
   rig.camera = {electrons.cols, electrons.rows, 100, 100, 0, 0, {}};
   rig.sensor = sensor;
-  return Camera(rig, Effects::none(), 0).expose(electrons, 1, exposure);
+  return Camera(rig, Effects::none(), 0, 0).expose(electrons, 1, exposure);
 }
 
 struct Moments {

@@ -175,7 +175,7 @@ TEST(CameraLens, PhotonsByHand) {
 TEST(CameraLens, DoublingTheExposureDoublesTheElectrons) {
   RigModel rig = coaxial_rig();
   rig.sensor = {12, 0.01, 0, 1e9, 0};
-  const Camera camera(rig, Effects::none(), 1);
+  const Camera camera(rig, Effects::none(), 1, 0);
   const cv::Mat1f rate = camera.electrons_per_s(cv::Mat1f(49, 65, 1000.0f));
   const Exposure exact{false, false};
   const cv::Mat1f once = camera.expose(rate, 0.002, exact), twice = camera.expose(rate, 0.004, exact);
@@ -187,7 +187,7 @@ TEST(CameraLens, DoublingTheExposureDoublesTheElectrons) {
 TEST(CameraLens, VignettingIsCosineToTheFourth) {
   RigModel rig = coaxial_rig();
   rig.camera_lens.vignetting = 4;
-  const Camera camera(rig, only(&Effects::vignetting), 1);
+  const Camera camera(rig, only(&Effects::vignetting), 1, 0);
   const cv::Mat1f image = camera.electrons_per_s(cv::Mat1f(49, 65, 1.0f));
   EXPECT_NEAR(image(24, 0) / image(24, 32), std::pow(1 + 0.16 * 0.16, -2), 1e-6);
 }
@@ -196,7 +196,7 @@ TEST(CameraLens, BlurKeepsTheModulationOfAGaussian) {
   for (const double blur_px : {0.2, 0.3, 0.5, 1.5}) {
     RigModel rig = coaxial_rig();
     rig.camera_lens.blur_px = blur_px;
-    const Camera camera(rig, only(&Effects::lens_blur), 1);
+    const Camera camera(rig, only(&Effects::lens_blur), 1, 0);
     cv::Mat1f fringes(49, 65);
     for (int col = 0; col < 65; ++col) fringes.col(col) = 1 + std::cos(2 * kPi * (col - 32) / 16.0);
     const cv::Mat1f image = camera.electrons_per_s(fringes), even = camera.electrons_per_s(cv::Mat1f(49, 65, 1.0f));
@@ -213,7 +213,7 @@ TEST(CameraLens, BlurHasItsVariance) {
     rig.camera_lens.blur_px = blur_px;
     cv::Mat1f line(49, 65, 0.0f);
     line.col(32) = 1;
-    const cv::Mat1f image = Camera(rig, only(&Effects::lens_blur), 1).electrons_per_s(line);
+    const cv::Mat1f image = Camera(rig, only(&Effects::lens_blur), 1, 0).electrons_per_s(line);
     double sum = 0, second = 0;
     for (int col = 0; col < 65; ++col) {
       const double light = image(24, col);
@@ -341,7 +341,7 @@ TEST(Nonuniformity, IsThatOfTheSensor) {
   RigModel rig = coaxial_rig();
   rig.camera = {400, 300, 1000, 1000, 199.5, 149.5, {}};
   rig.sensor = {12, 0.1, 0, 1e9, 100, 1, 500, 40, 0.02};
-  const Camera camera(rig, only(&Effects::fixed_pattern), 7), other(rig, only(&Effects::fixed_pattern), 8);
+  const Camera camera(rig, only(&Effects::fixed_pattern), 7, 0), other(rig, only(&Effects::fixed_pattern), 8, 0);
   const Exposure exact{false, false};
   const cv::Mat1f none(300, 400, 0.0f), light(300, 400, 1000.0f);
   const cv::Mat1f dark = camera.expose(camera.electrons_per_s(none), 0.01, exact);

@@ -123,7 +123,7 @@ TEST(SensorView, APatternThatIsNotThereIsRefused) {
 
 TEST(SensorView, AStackSamplesTheFullImages) {
   Scene scene = box_before_a_wall();
-  scene.rig.camera_lens.blur_px = 0.3;  // as much as samples contain
+  scene.rig.camera_lens.blur_px = 0;  // which samples of the images leave out
   const SimulatedView full = *VirtualRig(scene, {.noise = false}).simulate(scene.patterns);
   SensorView view(scene);
   const SensorView::Stack stack = *view.stack(scene.trajectory[0]);
