@@ -95,7 +95,7 @@ Shard shard_of(const std::string& text) {
 // Throws Error if the folder has files that a study would replace, and that no study wrote.
 void require_own_results(const fs::path& folder) {
   std::error_code unknown;
-  if (fs::is_directory(folder / "shards", unknown)) return;
+  if (!files_in(folder, "").empty()) return;
   for (const char* name : {"results.jsonl", "results.csv", "results.sqlite", "summary.json", "report.html"}) {
     if (fs::exists(folder / name, unknown))
       throw Error((folder / name).string() +
@@ -157,9 +157,10 @@ void ShardFile::add(int trial, const std::string& line) {
 
 void ShardFile::finish() {
   const fs::path target = folder_ / "shards" / (name_of(shard_) + ".jsonl");
-  if (!fs::exists(target)) {
-    std::string text;
-    for (const auto& [trial, line] : lines_) text += line + "\n";
+  std::string text;
+  for (const auto& [trial, line] : lines_) text += line + "\n";
+  // An existing file lacks the trials of lines that were removed from it.
+  if (!fs::exists(target) || read_bytes(target) != text) {
     StagedFile staged(target);
     write_text(staged.path(), text);
     staged.commit();

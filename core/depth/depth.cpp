@@ -102,8 +102,10 @@ void triangulate(Frame& frame, const DecodedStack& decoded, const Triangulation&
     std::vector<float> gradient(static_cast<size_t>(size.width)), noise(gradient.size());
     for (int row = first; row < end; ++row) {
       TextureGradient texture;
-      if (corrects && row > 0 && row + 1 < size.height) {
-        const auto rows = [&](const cv::Mat1f& image) { return ThreeRows{image[row - 1], image[row], image[row + 1]}; };
+      if (corrects && row >= kTextureBorder && row + kTextureBorder < size.height) {
+        const auto rows = [&](const cv::Mat1f& image) {
+          return FiveRows{image[row - 2], image[row - 1], image[row], image[row + 1], image[row + 2]};
+        };
         texture_gradient_row(
             {rows(decoded.coordinate_px), rows(decoded.modulation), decoded.sigma_px[row], phase_per_px}, size.width,
             gradient.data(), noise.data(), set);

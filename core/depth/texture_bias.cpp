@@ -8,39 +8,38 @@ namespace fringeslam {
 
 namespace {
 
-constexpr float kMostBend_px = 0.5f;  // of the coordinate over three pixels
-// Bend of ln B over three pixels above which B has an edge: that of texture, plus twice that of noise, sqrt(6) sigma.
-constexpr float kEdge = 0.2f, kEdgeSigmas = 5;
+// Bend of the coordinate over three pixels at an edge: that of a surface, plus twice that of noise, sqrt(6) sigma.
+constexpr float kMostBend_px = 0.5f, kMostBendSigmas = 5;
 
 struct AxisTerm {
   float product, noise;
 };
 
-// Product of the gradients along one axis; 0 at an edge. `relative` is the standard deviation of ln B.
-FRINGESLAM_INLINE AxisTerm along_axis(float before_px, float here_px, float after_px, float before_dn, float here_dn,
-                                      float after_dn, float phase_per_px, float relative) {
-  // 2 (b - a) / (b + a) is ln(b / a) to third order.
-  const float first = 2 * (here_dn - before_dn) / (here_dn + before_dn),
-              second = 2 * (after_dn - here_dn) / (after_dn + here_dn);
-  const float least = std::min(std::abs(first), std::abs(second));
-  const float limited = first * second > 0 ? (first > 0 ? least : -least) : 0.0f;
-  const float growth = std::abs(second - first) <= kEdge + kEdgeSigmas * relative ? 0.5f * (first + second) : limited;
-  const float slope = 0.5f * (after_px - before_px), product = slope * growth, phase_slope = phase_per_px * slope;
-  const bool smooth = std::abs(before_px - 2 * here_px + after_px) <= kMostBend_px;  // false for NaN
-  const bool usable = smooth & (product == product);                                 // no modulation has no gradient
+// Product of the gradients along one axis, of five coordinates and the modulation beside the middle one; 0 at an edge.
+FRINGESLAM_INLINE AxisTerm along_axis(const float (&u)[5], float before_dn, float after_dn, float phase_per_px,
+                                      float most_bend_px) {
+  // (b - a) / (b + a) is ln(b / a) / 2 to third order.
+  const float growth = (after_dn - before_dn) / (after_dn + before_dn);
+  const float slope = 0.5f * (u[3] - u[1]), product = slope * growth, phase_slope = phase_per_px * slope;
+  const bool usable = (std::abs(u[0] - 2 * u[1] + u[2]) <= most_bend_px) &
+                      (std::abs(u[1] - 2 * u[2] + u[3]) <= most_bend_px) &
+                      (std::abs(u[2] - 2 * u[3] + u[4]) <= most_bend_px) &  // false for NaN
+                      (product == product);                                 // no modulation has no gradient
   return {usable ? product : 0.0f, usable ? 0.5f * (phase_slope * phase_slope + growth * growth) : 0.0f};
 }
 
 FRINGESLAM_INLINE void row_body(const TextureRows& rows, int width, float* gradient, float* noise) {
-  const ThreeRows &u = rows.coordinate_px, &b = rows.modulation_dn;
+  const FiveRows &u = rows.coordinate_px, &b = rows.modulation_dn;
+  const float *const u0 = u[0], *const u1 = u[1], *const u2 = u[2], *const u3 = u[3], *const u4 = u[4];
+  const float *const above = b[1], *const here = b[2], *const below = b[3], *const sigma_px = rows.sigma_px;
   const float phase_per_px = rows.phase_per_px;
 #pragma GCC ivdep
-  for (int i = 1; i < width - 1; ++i) {
-    const float relative = phase_per_px * rows.sigma_px[i];
-    const AxisTerm along_row = along_axis(u.here[i - 1], u.here[i], u.here[i + 1], b.here[i - 1], b.here[i],
-                                          b.here[i + 1], phase_per_px, relative),
-                   along_column = along_axis(u.above[i], u.here[i], u.below[i], b.above[i], b.here[i], b.below[i],
-                                             phase_per_px, relative);
+  for (int i = kTextureBorder; i < width - kTextureBorder; ++i) {
+    const float most_bend_px = kMostBend_px + kMostBendSigmas * sigma_px[i];
+    const float across[5] = {u2[i - 2], u2[i - 1], u2[i], u2[i + 1], u2[i + 2]},
+                down[5] = {u0[i], u1[i], u2[i], u3[i], u4[i]};
+    const AxisTerm along_row = along_axis(across, here[i - 1], here[i + 1], phase_per_px, most_bend_px),
+                   along_column = along_axis(down, above[i], below[i], phase_per_px, most_bend_px);
     gradient[i] = along_row.product + along_column.product;
     noise[i] = along_row.noise + along_column.noise;
   }
@@ -49,7 +48,8 @@ FRINGESLAM_INLINE void row_body(const TextureRows& rows, int width, float* gradi
 }  // namespace
 
 void texture_gradient_row(const TextureRows& rows, int width, float* gradient, float* noise, InstructionSet set) {
-  gradient[0] = gradient[width - 1] = noise[0] = noise[width - 1] = 0;
+  for (int i = 0; i < std::min(kTextureBorder, width); ++i)
+    gradient[i] = gradient[width - 1 - i] = noise[i] = noise[width - 1 - i] = 0;
   Variants<row_body>::of(set)(rows, width, gradient, noise);
 }
 

@@ -4,26 +4,29 @@
 // for a point spread of variance s^2 it lies at s^2 grad(ln B), so that the coordinate u is too large by s^2 grad(ln B) . grad(u).
 #pragma once
 
+#include <array>
+
 #include "core/base/instruction_set.h"
 
 namespace fringeslam {
 
-// A row of an image between its neighbors.
-struct ThreeRows {
-  const float *above, *here, *below;
-};
+// A row of an image between two rows on either side: [2] is the row itself.
+using FiveRows = std::array<const float*, 5>;
 
 struct TextureRows {
-  ThreeRows coordinate_px, modulation_dn;
+  FiveRows coordinate_px, modulation_dn;
   const float* sigma_px;  // of the coordinate
   float
       phase_per_px;  // of the fringes, rad per projector px: the relative noise of the modulation is that of the phase
 };
 
+// Pixels at the border without a gradient.
+constexpr int kTextureBorder = 2;
+
 // Computes from central differences, for each pixel of a row, `gradient` = grad(ln B) . grad(u), 1/px, and `noise`, its variance
-// relative to that of the coordinate. An axis contributes nothing where u bends by more than half a projector pixel or a neighbor
-// is missing, as at edges of surfaces. Where ln B bends beyond its noise, the smaller difference counts, because light mixed at an
-// edge beside the pixel does not reach it. Both are 0 at the first and the last pixel.
+// relative to that of the coordinate. An axis contributes nothing where one of the two neighbors on either side is missing or u
+// bends beyond its noise, as at edges of surfaces and of shadows: light mixed at an edge does not reach the pixels beside it.
+// The differences are linear, so that their mean over a texture is 0, whatever its shape. Both are 0 at the border.
 void texture_gradient_row(const TextureRows& rows, int width, float* gradient, float* noise, InstructionSet set);
 
 }  // namespace fringeslam

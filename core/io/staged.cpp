@@ -419,6 +419,7 @@ std::pair<fs::path, int> create_marked_folder(const fs::path& target, std::strin
         return {path, lock};
       } catch (...) {
         const bool removed = !is_there(path);
+        unlink((path / kPartialMarker).c_str());  // empty, if the disk is full
         rmdir(path.c_str());
         close(lock);
         if (!removed) throw;

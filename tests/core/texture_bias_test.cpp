@@ -43,8 +43,10 @@ struct Images {
   Result result(InstructionSet set = InstructionSet::portable) const {
     Result result{cv::Mat1f(coordinate_px.size(), kNaN), cv::Mat1f(coordinate_px.size(), kNaN)};
     const std::vector<float> sigmas(static_cast<size_t>(coordinate_px.cols), sigma_px);
-    for (int row = 1; row + 1 < coordinate_px.rows; ++row) {
-      const auto rows = [&](const cv::Mat1f& image) { return ThreeRows{image[row - 1], image[row], image[row + 1]}; };
+    for (int row = kTextureBorder; row + kTextureBorder < coordinate_px.rows; ++row) {
+      const auto rows = [&](const cv::Mat1f& image) {
+        return FiveRows{image[row - 2], image[row - 1], image[row], image[row + 1], image[row + 2]};
+      };
       texture_gradient_row({rows(coordinate_px), rows(modulation_dn), sigmas.data(), kPhasePerPx}, coordinate_px.cols,
                            result.gradient[row], result.noise[row], set);
     }
@@ -55,9 +57,8 @@ struct Images {
 
 TEST(TextureGradient, IsTheProductOfTheGradients) {
   const cv::Mat1f gradient = Images().gradient();
-  for (int col = 1; col + 1 < gradient.cols; ++col) EXPECT_NEAR(gradient(4, col), 1.5 * 0.04 - 0.3 * 0.02, 1e-4) << col;
-  EXPECT_EQ(gradient(4, 0), 0);
-  EXPECT_EQ(gradient(4, gradient.cols - 1), 0);
+  for (int col = 2; col + 2 < gradient.cols; ++col) EXPECT_NEAR(gradient(4, col), 1.5 * 0.04 - 0.3 * 0.02, 1e-4) << col;
+  for (const int col : {0, 1, gradient.cols - 2, gradient.cols - 1}) EXPECT_EQ(gradient(4, col), 0);
 }
 
 TEST(TextureGradient, HasTheSameBitsOnAllInstructionSets) {
@@ -68,7 +69,7 @@ TEST(TextureGradient, HasTheSameBitsOnAllInstructionSets) {
   for (const InstructionSet set : kSets) {
     if (set > widest_instruction_set()) continue;
     const Images::Result result = images.result(set);
-    for (int row = 1; row + 1 < result.gradient.rows; ++row) {
+    for (int row = kTextureBorder; row + kTextureBorder < result.gradient.rows; ++row) {
       for (int col = 0; col < result.gradient.cols; ++col) {
         EXPECT_EQ(result.gradient(row, col), expected.gradient(row, col));
         EXPECT_EQ(result.noise(row, col), expected.noise(row, col));
@@ -84,36 +85,37 @@ TEST(TextureGradient, NoiseIsThatOfBothDifferences) {
   EXPECT_NEAR(Images().result().noise(4, 10), 0.5 * (phase_per_px * phase_per_px * slopes + growths), 1e-4);
 }
 
-TEST(TextureGradient, NoiseOfTheModulationIsNoEdge) {
+// A sawtooth rises slowly and falls steeply; the mean of its differences is 0 nevertheless.
+TEST(TextureGradient, HasNoMeanOverATexture) {
   Images images;
-  images.modulation_dn(4, 11) *= 1.3f;
-  EXPECT_NEAR(images.gradient()(4, 10), 1.5 * 0.04 - 0.3 * 0.02, 1e-4);
-  images.sigma_px = 0.1f;
-  EXPECT_GT(images.gradient()(4, 10), 1.5 * 0.15);
+  images.coordinate_px.forEach<float>([](float& value, const int* at) { value = 1.5f * static_cast<float>(at[1]); });
+  images.modulation_dn.forEach<float>(
+      [](float& value, const int* at) { value = 50 + 10 * static_cast<float>(at[1] % 5); });
+  const cv::Mat1f gradient = images.gradient();
+  EXPECT_NEAR(cv::mean(gradient(cv::Rect(10, 4, 20, 1)))[0], 0, 0.01 * std::abs(gradient(4, 12)));
 }
 
-// Across a missing neighbor or a step of the surface, only the other axis counts.
+// Beside a missing neighbor or a step of the surface, and one pixel farther, only the other axis counts.
 TEST(TextureGradient, StopsAtEdgesOfTheSurface) {
-  for (const float neighbor_px : {kNaN, 1.5f * 11 + 1, 1.5f * 11 - 1}) {
+  for (const float step_px : {kNaN, 1.0f, -1.0f}) {
     Images images;
-    images.coordinate_px(4, 11) = neighbor_px + (std::isnan(neighbor_px) ? 0 : -0.3f * 4);
-    EXPECT_NEAR(images.gradient()(4, 10), -0.3 * 0.02, 1e-4);
+    images.coordinate_px(4, 11) += step_px;
+    for (const int col : {9, 10}) EXPECT_NEAR(images.gradient()(4, col), -0.3 * 0.02, 1e-4) << step_px << ' ' << col;
+    EXPECT_NEAR(images.gradient()(4, 8), 1.5 * 0.04 - 0.3 * 0.02, 1e-4);
   }
 }
 
-// A pixel beside one that is half in shadow collects none of that pixel's darkness.
-TEST(TextureGradient, TakesTheSmallerDifferenceAtEdgesOfTheLight) {
+TEST(TextureGradient, NoiseOfTheCoordinateIsNoEdge) {
   Images images;
-  images.modulation_dn(4, 11) *= 0.5f;
-  EXPECT_NEAR(images.gradient()(4, 10), -0.3 * 0.02, 1e-4);  // differences of opposite signs
-  images.modulation_dn(4, 11) *= 4;
-  EXPECT_NEAR(images.gradient()(4, 10), 1.5 * 0.04 - 0.3 * 0.02, 1e-4);  // the difference on the other side
+  images.coordinate_px(4, 11) += 1;
+  images.sigma_px = 0.4f;
+  EXPECT_NEAR(images.gradient()(4, 10), 2 * 0.04 - 0.3 * 0.02, 1e-3);
 }
 
 TEST(TextureGradient, IsZeroWithoutModulation) {
   Images images;
   images.modulation_dn.setTo(0);
-  EXPECT_EQ(cv::countNonZero(images.gradient().rowRange(1, 8)), 0);
+  EXPECT_EQ(cv::countNonZero(images.gradient().rowRange(2, 7)), 0);
 }
 
 // A plane whose modulation grows exponentially, decoded at the centroid of a pixel's light, is in its place.
@@ -129,9 +131,9 @@ TEST(TextureCorrection, ReturnsAPlaneBesideTexture) {
     for (int col = 0; col < exact.modulation.cols; ++col)
       exact.modulation(row, col) = static_cast<float>(0.01 * std::exp(kGrowth * col));
   }
-  DepthOptions off;
-  off.texture_correction = false;
-  const Frame truth = reconstruct(exact, rig, pixel_rays(rig.camera), off);
+  DepthOptions on;
+  on.texture_correction = true;
+  const Frame truth = reconstruct(exact, rig, pixel_rays(rig.camera), {});
   // Pupil 1 / (1 / image distance + 1 / focus) / f-number; the variance of a disc is a sixteenth of its squared diameter.
   const double image_m = rig.camera_lens.pixel_m * rig.camera.fx, pupil_m = 1 / (1 / image_m + 1 / 0.9) / 4;
   DecodedStack biased = exact;
@@ -146,8 +148,8 @@ TEST(TextureCorrection, ReturnsAPlaneBesideTexture) {
       biased.coordinate_px(row, col) += static_cast<float>(variance_px2 * kGrowth * slope);
     }
   }
-  const Frame uncorrected = reconstruct(biased, rig, pixel_rays(rig.camera), off),
-              corrected = reconstruct(biased, rig, pixel_rays(rig.camera), {});
+  const Frame uncorrected = reconstruct(biased, rig, pixel_rays(rig.camera), {}),
+              corrected = reconstruct(biased, rig, pixel_rays(rig.camera), on);
   int compared = 0;
   for (int row = 2; row + 2 < truth.height(); ++row) {
     for (int col = 2; col + 2 < truth.width(); ++col) {
@@ -162,7 +164,7 @@ TEST(TextureCorrection, ReturnsAPlaneBesideTexture) {
   EXPECT_GT(compared, 100);
   // No correction where the modulation does not show texture, and that of the pixel alone without a stated lens.
   const auto depth = [&](const RigModel& of, const DecodedStack& decoded) {
-    return reconstruct(decoded, of, pixel_rays(of.camera), {}).points_m(60, 60)[2];
+    return reconstruct(decoded, of, pixel_rays(of.camera), on).points_m(60, 60)[2];
   };
   RigModel nonlinear = rig, nominal = rig;
   nonlinear.phase_correction = {3, {0, 0.05, 0, -0.05}};

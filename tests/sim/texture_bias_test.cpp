@@ -57,11 +57,11 @@ TEST_P(TextureBias, IsThatOfThePointSpread) {
   scene.objects[0].world_from_object = pose_from({{0, 0, 950}, {10, 25, 20}});
   const auto view = VirtualRig(scene, {16, false, false}).simulate(scene.patterns);
   const DecodedStack decoded = decode(view->stack, scene.rig, {});
-  DepthOptions off;
-  off.texture_correction = false;
+  DepthOptions on;
+  on.texture_correction = true;
   const PixelRays rays = pixel_rays(scene.rig.camera);
-  const Frame uncorrected = reconstruct(decoded, scene.rig, rays, off),
-              corrected = reconstruct(decoded, scene.rig, rays, {});
+  const Frame uncorrected = reconstruct(decoded, scene.rig, rays, {}),
+              corrected = reconstruct(decoded, scene.rig, rays, on);
   const Errors found = errors(uncorrected, corrected, view->truth);
   EXPECT_NEAR(found.slope, 1, 0.1);
   EXPECT_LT(found.corrected_m, 0.7 * found.uncorrected_m);

@@ -55,6 +55,28 @@ TEST_F(Results, AreFoundAgainExceptATornLine) {
   EXPECT_TRUE(ShardFile(folder_, study_, {0, 2}).missing().empty());
 }
 
+// A damaged line is removed, and its trial run again.
+TEST_F(Results, TrialsAreAddedToAFinishedShard) {
+  fs::create_directories(folder_ / "shards");
+  const fs::path shard = folder_ / "shards/0-of-2.jsonl";
+  const std::string whole = line(0) + "\n" + line(2) + "\n" + line(4) + "\n";
+  for (const std::string& rest :
+       {line(0) + "\n" + line(4) + "\n", line(0) + "\n" + line(2) + "\n" + line(4).substr(0, 30), std::string()}) {
+    test::write_bytes(shard, rest);
+    ShardFile file(folder_, study_, {0, 2});
+    for (const int trial : file.missing()) file.add(trial, line(trial));
+    file.finish();
+    EXPECT_EQ(read_bytes(shard), whole);
+    EXPECT_EQ(std::distance(fs::directory_iterator(folder_ / "shards"), fs::directory_iterator()), 1);
+  }
+}
+
+TEST_F(Results, DoNotReplaceAReportBesideAnotherFolderOfShards) {
+  fs::create_directories(folder_ / "shards");
+  test::write_bytes(folder_ / "report.html", "mine");
+  EXPECT_THAT(error_of([&] { ShardFile(folder_, study_, {0, 1}); }), HasSubstr("was not written by a study"));
+}
+
 TEST_F(Results, OfTwoWhoDidTheSameAreOne) {
   fs::create_directories(folder_ / "shards");
   test::write_bytes(folder_ / "shards/0-of-1.jsonl", line(0) + "\n" + line(1) + "\n");
