@@ -88,9 +88,12 @@ TEST(TextureGradient, NoiseIsThatOfBothDifferences) {
 // A sawtooth rises slowly and falls steeply; the mean of its differences is 0 nevertheless.
 TEST(TextureGradient, HasNoMeanOverATexture) {
   Images images;
-  images.coordinate_px.forEach<float>([](float& value, const int* at) { value = 1.5f * static_cast<float>(at[1]); });
-  images.modulation_dn.forEach<float>(
-      [](float& value, const int* at) { value = 50 + 10 * static_cast<float>(at[1] % 5); });
+  for (int row = 0; row < images.coordinate_px.rows; ++row) {
+    for (int col = 0; col < images.coordinate_px.cols; ++col) {
+      images.coordinate_px(row, col) = 1.5f * static_cast<float>(col);
+      images.modulation_dn(row, col) = 50 + 10 * static_cast<float>(col % 5);
+    }
+  }
   const cv::Mat1f gradient = images.gradient();
   EXPECT_NEAR(cv::mean(gradient(cv::Rect(10, 4, 20, 1)))[0], 0, 0.01 * std::abs(gradient(4, 12)));
 }
