@@ -125,7 +125,8 @@ SampleRays sample_rays(const Pinhole& camera, int per_pixel, double extent, doub
   rays.per_pixel = per_pixel;
   rays.extent = extent;
   rays.blur_px = per_pixel > 1 ? std::min(blur_px, kWidestBlur_px) : 0;
-  if (rays.blur_px > 0) blur(offsets, extent, rays.blur_px);
+  if (rays.blur_px > 0)
+    blur(offsets, extent, rays.blur_px);
   else
     for (Eigen::Vector2d& offset : offsets) offset *= extent;
   rays.pupil = pupil_offsets(offsets);
