@@ -39,7 +39,7 @@ struct Period {
   // At the current motion.
   bool correctable = true;
   double centre_turns = 0;  // shift of the tables' phases
-  // Of the errors that remain, rad^2 and relative to the squared modulation.
+  // Variances of the errors that remain: rad^2, and relative to the squared modulation.
   double phase_variance = 0, ripple_variance = 0;
 };
 

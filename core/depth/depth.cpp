@@ -100,8 +100,9 @@ void triangulate(Frame& frame, const DecodedStack& decoded, const Triangulation&
   const auto phase_per_px = static_cast<float>(corrects ? 2 * std::numbers::pi / decoded.finest_period_px : 0);
   for_each_range(size.height, [&](int first, int end) {
     std::vector<float> gradient(static_cast<size_t>(size.width)), noise(gradient.size());
+    const std::vector<float> none(gradient.size(), 0.0f);
     for (int row = first; row < end; ++row) {
-      TextureGradient texture;
+      TextureGradient texture{none.data(), none.data()};
       if (corrects && row >= kTextureBorder && row + kTextureBorder < size.height) {
         const auto rows = [&](const cv::Mat1f& image) {
           return FiveRows{image[row - 2], image[row - 1], image[row], image[row + 1], image[row + 2]};

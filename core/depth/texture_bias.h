@@ -16,8 +16,8 @@ using FiveRows = std::array<const float*, 5>;
 struct TextureRows {
   FiveRows coordinate_px, modulation_dn;
   const float* sigma_px;  // of the coordinate
-  float
-      phase_per_px;  // of the fringes, rad per projector px: the relative noise of the modulation is that of the phase
+  // Phase of the fringes, rad per projector px: the relative noise of the modulation is that of the phase.
+  float phase_per_px;
 };
 
 // Pixels at the border without a gradient.

@@ -431,7 +431,7 @@ TEST(Motion, WithinAnExposureSmearsEdges) {
   }
 }
 
-// The same for a board that moves by `smear_px` along the axis during an exposure of `steps` poses.
+// Variance of the blur of an edge, px^2, of a board that moves by `smear_px` along the axis during an exposure of `steps` poses.
 double moving_edge_variance_px2(double smear_px, int axis, int samples, int steps) {
   RigModel rig = coaxial_rig();
   rig.near_m = 0.7, rig.far_m = 1.4;
