@@ -7,7 +7,6 @@
 #include <limits>
 #include <nlohmann/json.hpp>
 #include <optional>
-#include <ranges>
 #include <set>
 
 #include "bench/studies/rows.h"
@@ -20,7 +19,12 @@ namespace fringeslam::studies {
 namespace {
 
 constexpr int kClasses = 8;
-constexpr auto kRows = std::views::transform([](const Row* row) -> const Row& { return *row; });
+
+std::vector<const Row*> pointers_to(const std::vector<Row>& rows) {
+  std::vector<const Row*> pointers;
+  for (const Row& row : rows) pointers.push_back(&row);
+  return pointers;
+}
 
 // Trials with values of their own: a saltelli design repeats those of the first two trials of each row in the others.
 bool is_independent(const Study& study, const Row& row) {
@@ -28,13 +32,12 @@ bool is_independent(const Study& study, const Row& row) {
 }
 
 // Returns the 95 % interval of the probability of success, by the independent ones among the trials.
-template <class Rows>
-Interval success_interval(const Study& study, const Rows& rows) {
+Interval success_interval(const Study& study, const std::vector<const Row*>& rows) {
   int successes = 0, trials = 0;
-  for (const Row& row : rows) {
-    if (!is_independent(study, row)) continue;
+  for (const Row* row : rows) {
+    if (!is_independent(study, *row)) continue;
     ++trials;
-    successes += row.success;
+    successes += row->success;
   }
   return wilson(successes, trials);
 }
@@ -46,7 +49,7 @@ void close(const Study& study, Class& of, const std::vector<const Row*>& rows) {
     of.successes += row->success;
     if (std::isfinite(row->translation_mm)) errors.push_back(row->translation_mm);
   }
-  of.rate_95 = success_interval(study, rows | kRows);
+  of.rate_95 = success_interval(study, rows);
   of.median_mm = errors.empty() ? kNaN : quantile_of(errors, 0.5);
   of.p90_mm = errors.empty() ? kNaN : quantile_of(errors, 0.9);
 }
@@ -66,8 +69,7 @@ std::vector<Class> classes_of(const Study& study, size_t p, const std::vector<Ro
     return classes;
   }
   // Classes of equal size, so that none is too small for statistics.
-  std::vector<const Row*> order;
-  for (const Row& row : rows) order.push_back(&row);
+  std::vector<const Row*> order = pointers_to(rows);
   std::sort(order.begin(), order.end(), [&](const Row* a, const Row* b) { return a->numbers[p] < b->numbers[p]; });
   for (size_t c = 0; c < kClasses; ++c) {
     const std::vector<const Row*> inside(order.begin() + static_cast<long>(c * order.size() / kClasses),
@@ -250,7 +252,7 @@ Summary summarise(const Study& study, const std::map<int, std::string>& lines, i
     if (!row.cause.empty()) ++summary.causes[row.cause];
     if (std::isfinite(row.translation_mm)) errors.push_back(row.translation_mm);
   }
-  summary.rate_95 = success_interval(study, rows);
+  summary.rate_95 = success_interval(study, pointers_to(rows));
   for (const double q : {0.5, 0.9, 0.95, 0.99, 1.0}) {
     if (!errors.empty()) summary.error_percentiles_mm.emplace_back(100 * q, quantile_of(errors, q));
   }

@@ -9,6 +9,7 @@
 
 #include "core/base/constants.h"
 #include "core/decode/gray.h"
+#include "core/decode/steps.h"
 
 namespace fringeslam {
 

@@ -14,6 +14,7 @@
 
 #include "core/io/input_file.h"
 #include "core/types/error.h"
+#include "core/types/options.h"
 
 namespace fringeslam {
 
@@ -388,9 +389,9 @@ class BodyReader {
   void add_face(const Element& element, uint64_t index) {
     for (const double corner : list_) {
       if (!(corner >= 0) || corner >= static_cast<double>(map_.vertices.size()) || corner != std::floor(corner))
-        throw body_.error(element, index,
-                          "there are " + std::to_string(map_.vertices.size()) + " vertices, but a face refers to " +
-                              std::to_string(static_cast<int64_t>(std::clamp(corner, -1e15, 1e15))));
+        throw body_.error(
+            element, index,
+            "there are " + std::to_string(map_.vertices.size()) + " vertices, but a face refers to " + to_text(corner));
     }
     for (size_t i = 2; i < list_.size(); ++i)
       map_.triangles.emplace_back(static_cast<int>(list_[0]), static_cast<int>(list_[i - 1]),

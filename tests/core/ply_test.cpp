@@ -132,6 +132,8 @@ TEST_F(PlyFile, ErrorsNameTheLine) {
               HasSubstr("map.ply: values follow the last element; the counts in its header are too small"));
   EXPECT_THAT(error(two + "element face 1\n" + kFaces + "end_header\n0 0 0\n1 0 0\n3 0 1 2\n"),
               HasSubstr("map.ply:13: there are 2 vertices, but a face refers to 2 in element 'face'"));
+  EXPECT_THAT(error(two + "element face 1\n" + kFaces + "end_header\n0 0 0\n1 0 0\n3 0 1 nan\n"),
+              HasSubstr("map.ply:13: there are 2 vertices, but a face refers to nan in element 'face'"));
   EXPECT_TRUE(read(kHead + "element vertex 0\n" + kXyz + "end_header\n").vertices.empty());
   EXPECT_THAT(error_of([] { read_ply("/nowhere.ply"); }), HasSubstr("/nowhere.ply: cannot be opened"));
 }

@@ -73,7 +73,7 @@ void write_seeds(const fs::path& folder) {
   images.offset = own.offset = kMapAlignment;
   images.size = bytes;
   own.size = 64;
-  index.keyframes = {{0, 0, {}, images, own, own}, {1, 1, {}, images, own, own}};
+  index.keyframes = {{0, 0, {}, {}, images, own, own}, {1, 1, {}, {}, images, own, own}};
   index.frames = {{0, {}, 0, 0, images, true}, {1, {}, 1, 1, images, true}, {1, {}, 2, 2, images, false}};
   index.links = {{0, 1, {}, Matrix6d::Identity(), false}};
   const std::string with = index_bytes(index, 1 << 12), trailer = with_trailer("", 0);

@@ -31,7 +31,7 @@ RawModel read_model(const fs::path& file, double, double) {
   return model;
 }
 
-Settled settle(const std::vector<Body>& bodies, const DropArea& area, uint64_t) {
+Settled settle(const std::vector<Body>& bodies, const DropArea& area, uint64_t, uint32_t) {
   Settled settled;
   for (const Body& body : bodies) {
     for (const Hull& hull : body.hulls) require(!hull.empty(), "a body with an empty hull");
