@@ -6,10 +6,11 @@
 #include <unistd.h>
 
 #include <algorithm>
-#include <fstream>
+#include <charconv>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <set>
+#include <sstream>
 #include <utility>
 
 #include "bench/datasets/sample_files.h"
@@ -17,6 +18,7 @@
 #include "bench/datasets/tar.h"
 #include "bench/datasets/trial_part.h"
 #include "core/io/files.h"
+#include "core/io/input_file.h"
 
 namespace fringeslam::datasets {
 
@@ -70,19 +72,27 @@ class SummedFile {
   uint64_t bytes_ = 0;
 };
 
-// Copies a sample; returns false if its bytes differ from its checksum.
-bool copy_sample(std::ifstream& piece, const PartSample& sample, SummedFile& tar) {
+// Copies a sample, which starts at `offset`; returns false if its bytes differ from its checksum.
+bool copy_sample(const InputFile& piece, uint64_t offset, const PartSample& sample, SummedFile& tar) {
   std::string buffer(size_t{1} << 20, '\0');
   uint32_t sum = 0;
-  for (uint64_t left = sample.bytes; left > 0;) {
-    const auto count = static_cast<size_t>(std::min<uint64_t>(left, buffer.size()));
-    if (!piece.read(buffer.data(), static_cast<std::streamsize>(count))) return false;
+  for (uint64_t copied = 0; copied < sample.bytes;) {
+    const size_t count =
+        piece.read_at(offset + copied, buffer.data(), std::min<uint64_t>(sample.bytes - copied, buffer.size()));
+    if (count == 0) return false;
     const std::string_view read(buffer.data(), count);
     sum = libdeflate_crc32(sum, read.data(), read.size());
     tar.add(read);
-    left -= count;
+    copied += count;
   }
   return sum == sample.crc32;
+}
+
+// Returns a number, or empty if the text is anything else.
+std::optional<uint64_t> number_of(const std::string& text) {
+  uint64_t number = 0;
+  const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), number);
+  return error == std::errc() && end == text.data() + text.size() ? std::optional(number) : std::nullopt;
 }
 
 std::string csv_field(const std::string& text) {
@@ -119,7 +129,18 @@ std::vector<std::string> csv_fields(const std::string& line) {
 // Columns of index.csv, followed by the parameters.
 const std::vector<std::string> kColumns = {"sample", "split", "world", "trial",  "view",  "scene",
                                            "seed",   "rig",   "tar",   "offset", "bytes", "sha256"};
-enum Column : size_t { kSplitColumn = 1, kWorldColumn = 2, kSceneColumn = 5, kRigColumn = 7 };
+enum Column : size_t {
+  kSplitColumn = 1,
+  kWorldColumn = 2,
+  kSceneColumn = 5,
+  kRigColumn = 7,
+  kTarColumn = 8,
+  kOffsetColumn = 9,
+  kBytesColumn = 10
+};
+
+// A line of index.csv takes some 200 bytes.
+constexpr uint64_t kMostIndexBytes = 8192 * kMebibyte;
 
 Json about_of(const Spec& spec, const std::string& identity, const std::string& version, const std::vector<Tar>& tars) {
   Json about = {{"format", kFormat},
@@ -221,14 +242,17 @@ void DatasetFolder::join(size_t tar) const {
       std::optional<TrialIndex> index = read_trial(parts, trial);
       const fs::path file = part_file(parts, trial);
       if (!index) throw Error(file.string() + ": is missing or damaged; run the command again");
-      std::ifstream piece(file, std::ios::binary);
+      std::optional<InputFile> piece;
+      if (!index->samples.empty()) piece.emplace(file, kMostDataBytes);
+      uint64_t begin = 0;  // of the sample, in the piece
       for (PartSample& sample : index->samples) {
         const uint64_t offset = whole.bytes();
-        if (!copy_sample(piece, sample, whole)) {
+        if (!copy_sample(*piece, begin, sample, whole)) {
           fs::remove(part_index_file(parts, trial));
           fs::remove(file);
           throw Error(file.string() + ": was damaged and has been removed; run the command again");
         }
+        begin += sample.bytes;
         sample.offset = offset;
       }
       lines += index_text(*index) + "\n";
@@ -275,7 +299,7 @@ std::vector<FileEntry> DatasetFolder::write_index() const {
   index.add(csv_line(header));
   for (size_t tar = 0; tar < tars_.size(); ++tar) {
     const std::string split = kSplits[static_cast<size_t>(tars_[tar].split)], name = tars_[tar].name + ".tar";
-    std::ifstream lines(index_of(tar));
+    std::istringstream lines(read_bytes(index_of(tar)));
     const auto damaged = [&](const char* how) {
       return Error(index_of(tar).string() + ": is " + how + "; remove " + tar_file(tar).string() +
                    " and run the command again");
@@ -318,19 +342,32 @@ std::vector<FileEntry> DatasetFolder::write_index() const {
   return tars;
 }
 
-std::vector<FileEntry> DatasetFolder::recorded_tars() const {
+std::vector<FileEntry> DatasetFolder::recorded_tars(const Contents& found) const {
   std::map<std::string, std::string> sums;
-  std::ifstream in(folder_ / kSums);
+  std::istringstream in(read_input(folder_ / kSums));
   for (std::string sum, name; in >> sum >> name;) sums[name] = sum;
+  const std::string restore = "restore it from a copy, or write the dataset to another --out";
+  if (!sums.contains(kIndex)) throw Error((folder_ / kSums).string() + ": is damaged; " + restore);
+  if (found.index.sha256 != sums[kIndex])
+    throw Error((folder_ / kIndex).string() + ": differs from its checksum in SHA256SUMS; " + restore);
   std::vector<FileEntry> tars;
+  for (const FileEntry& indexed : found.tars) {
+    const fs::path file = folder_ / indexed.name;
+    if (!sums.contains(indexed.name)) throw Error((folder_ / kSums).string() + ": is damaged; " + restore);
+    if (const uint64_t bytes = InputFile(file, kMostDataBytes).size(); bytes != indexed.bytes)
+      throw Error(file.string() + ": has " + std::to_string(bytes) + " bytes, but " + std::to_string(indexed.bytes) +
+                  " were written; remove it and run the command again");
+    tars.push_back({indexed.name, sums[indexed.name], indexed.bytes});
+  }
   for (size_t tar = 0; tar < tars_.size(); ++tar) {
-    const std::string name = tars_[tar].name + ".tar";
-    std::error_code missing;
-    const uint64_t bytes = fs::file_size(tar_file(tar), missing);
-    if (missing)
-      throw Error(tar_file(tar).string() + ": is missing; remove " + (folder_ / kSums).string() +
-                  " and run the command again");
-    tars.push_back({name, sums[name], bytes});
+    // Exists if the tar file was missing and has been written again.
+    const std::string record = read_bytes(index_of(tar));
+    const std::optional<FileEntry> again = tar_sums(record.substr(0, record.find('\n')));
+    if (again && again->sha256 != tars[tar].sha256)
+      throw Error(tar_file(tar).string() +
+                  ": was written again and differs from its checksum in SHA256SUMS: a file that "
+                  "the scenes use has changed; " +
+                  restore);
   }
   return tars;
 }
@@ -340,28 +377,39 @@ Contents DatasetFolder::contents() const {
   contents.program_version = version_;
   std::set<std::string> scenes, rigs;
   std::array<std::set<std::string>, kSplits.size()> worlds;
-  Sha256 sum;
-  std::ifstream index(folder_ / kIndex);
+  std::map<std::string, uint64_t> ends;  // of the last sample of a tar file
+  for (const Tar& tar : tars_) ends[tar.name + ".tar"] = 0;
+  std::error_code unknown;
+  if (!fs::exists(folder_ / kIndex, unknown))
+    throw Error((folder_ / kIndex).string() +
+                ": is missing; restore it from a copy, or write the dataset to another --out");
+  const std::string text = read_input(folder_ / kIndex, kMostIndexBytes);
+  std::istringstream index(text);
   std::string line;
   for (bool header = true; std::getline(index, line); header = false) {
-    sum.add(line + "\n");
-    contents.index.bytes += line.size() + 1;
     if (header) continue;
     const std::vector<std::string> fields = csv_fields(line);
+    const auto damaged = [&] {
+      return Error((folder_ / kIndex).string() +
+                   ": is damaged; restore it from a copy, or write the dataset to another --out");
+    };
+    if (fields.size() < kColumns.size()) throw damaged();
     const auto split =
-        fields.size() < kColumns.size()
-            ? kSplits.size()
-            : static_cast<size_t>(std::find(kSplits.begin(), kSplits.end(), fields[kSplitColumn]) - kSplits.begin());
-    if (split == kSplits.size())
-      throw Error((folder_ / kIndex).string() + ": is damaged; remove it and " + (folder_ / kSums).string() +
-                  " and run the command again");
+        static_cast<size_t>(std::find(kSplits.begin(), kSplits.end(), fields[kSplitColumn]) - kSplits.begin());
+    const std::optional<uint64_t> offset = number_of(fields[kOffsetColumn]), bytes = number_of(fields[kBytesColumn]);
+    const auto end = ends.find(fields[kTarColumn]);
+    if (split == kSplits.size() || !offset || !bytes || end == ends.end()) throw damaged();
+    end->second = std::max(end->second, *offset + *bytes);
     ++contents.samples.at(split);
     worlds.at(split).insert(fields.at(kWorldColumn));
     scenes.insert(fields.at(kSceneColumn));
     rigs.insert(fields.at(kRigColumn));
   }
-  contents.index.name = kIndex;
-  contents.index.sha256 = sum.hex();
+  contents.index = {kIndex, sha256_hex(text), text.size()};
+  for (const Tar& tar : tars_) {
+    const std::string name = tar.name + ".tar";
+    contents.tars.push_back({name, "", ends[name] + kTarEnd});
+  }
   contents.scenes.assign(scenes.begin(), scenes.end());
   contents.rigs.assign(rigs.begin(), rigs.end());
   for (size_t split = 0; split < kSplits.size(); ++split)
@@ -375,22 +423,26 @@ bool DatasetFolder::finish() const {
   for (size_t tar = 0; tar < tars_.size(); ++tar) {
     if (!has(tar)) return false;
   }
+  // Written again even if complete: texts of the specification that are only quoted may have changed.
+  const bool was_complete = complete();
   try {
-    // Written again even if complete: texts of the specification that are only quoted may have changed.
-    const std::vector<FileEntry> tars = complete() ? recorded_tars() : write_index();
+    const std::vector<FileEntry> written = was_complete ? std::vector<FileEntry>() : write_index();
     Contents found = contents();
-    found.tars = tars;
+    found.tars = was_complete ? recorded_tars(found) : written;
     place(kDatasheet, datasheet(spec_, found));
     place(kMetadata, croissant(spec_, found).dump(1) + "\n");
     std::string sums;
-    for (const FileEntry& tar : tars) sums += tar.sha256 + "  " + tar.name + "\n";
+    for (const FileEntry& tar : found.tars) sums += tar.sha256 + "  " + tar.name + "\n";
     sums += found.index.sha256 + "  " + kIndex + "\n";
     for (const char* name : {kMetadata, kAbout, kSpecCopy, kDatasheet, kRefused}) {
       if (fs::exists(folder_ / name)) sums += sha256_hex(read_bytes(folder_ / name)) + "  " + name + "\n";
     }
     place(kSums, sums);
   } catch (const std::exception&) {
-    if (!complete()) throw;  // otherwise another process has finished the dataset and removed the parts
+    std::error_code not_empty;
+    if (was_complete) fs::remove(folder_ / kParts, not_empty);
+    // Otherwise another process has finished the dataset meanwhile and removed the parts.
+    if (was_complete || !complete()) throw;
   }
   std::error_code ignored;
   fs::remove_all(folder_ / kParts, ignored);

@@ -47,7 +47,8 @@ class DatasetFolder {
   bool complete() const;
   // Writes index, datasheet, metadata and checksums if all tar files exist; returns false if some are missing.
   bool finish() const;
-  // Returns what the index of a finished dataset lists, without the tar files.
+  // Returns what the index of a dataset lists, with the sizes of the tar files but without their checksums. Throws Error if the
+  // index is missing or damaged.
   Contents contents() const;
 
  private:
@@ -55,7 +56,9 @@ class DatasetFolder {
   void place(const std::string& name, const std::string& text) const;
   // Writes the index; returns the tar files.
   std::vector<FileEntry> write_index() const;
-  std::vector<FileEntry> recorded_tars() const;
+  // Returns the tar files of a complete dataset with the checksums in SHA256SUMS. Throws Error if the index differs from its
+  // checksum, or the size of a tar file from that in the index.
+  std::vector<FileEntry> recorded_tars(const Contents& indexed) const;
   std::filesystem::path tar_file(size_t tar) const;
   std::filesystem::path index_of(size_t tar) const;
 

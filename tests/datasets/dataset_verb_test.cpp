@@ -2,10 +2,12 @@
 // The verb `dataset`: shards, kills, damaged parts, refused trials.
 #include <gmock/gmock.h>
 #include <signal.h>
+#include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
 #include <chrono>
+#include <functional>
 #include <nlohmann/json.hpp>
 #include <thread>
 
@@ -159,6 +161,50 @@ TEST_F(DatasetVerb, DamagedRecordsAreReported) {
     EXPECT_THAT(result.err, HasSubstr("run the command again"));
     EXPECT_EQ(std::count(result.err.begin(), result.err.end(), '\n'), 1) << result.err;
   }
+}
+
+TEST_F(DatasetVerb, DamageToACompleteDatasetIsReportedAndNothingIsReplaced) {
+  const std::string file = spec();
+  rendered(file, "whole");
+  const auto expected = contents("whole");
+  const std::string index = test::read_bytes(temp_ / "whole/index.csv");
+  const auto pipe = [](const fs::path& at) {
+    fs::remove(at);
+    ASSERT_EQ(mkfifo(at.c_str(), 0600), 0);
+  };
+  struct Damage {
+    const char* name;
+    std::function<void(const fs::path&)> make;
+    std::string message;
+  };
+  const std::vector<Damage> damages = {
+      {"no_index", [](const fs::path& at) { fs::remove(at / "index.csv"); }, "index.csv: is missing; restore it"},
+      {"index_cut", [&](const fs::path& at) { test::write_bytes(at / "index.csv", index.substr(0, index.rfind("0"))); },
+       "index.csv: "},
+      {"sample_lost",
+       [&](const fs::path& at) {
+         test::write_bytes(at / "index.csv", index.substr(0, index.rfind('\n', index.size() - 2) + 1));
+       },
+       "index.csv: differs from its checksum in SHA256SUMS; restore it"},
+      {"index_pipe", [&](const fs::path& at) { pipe(at / "index.csv"); }, "index.csv: is not a regular file"},
+      {"sums_pipe", [&](const fs::path& at) { pipe(at / "SHA256SUMS"); }, "SHA256SUMS: is not a regular file"},
+      {"sums_empty", [](const fs::path& at) { test::write_bytes(at / "SHA256SUMS", ""); }, "SHA256SUMS: is damaged"},
+      {"tar_cut", [](const fs::path& at) { test::truncate_file(at / "train-000000.tar", 0.5); },
+       "train-000000.tar: has "},
+  };
+  for (const Damage& damage : damages) {
+    fs::copy(temp_ / "whole", temp_ / damage.name, fs::copy_options::recursive);
+    damage.make(temp_ / damage.name);
+    const auto result = run_program({"--quiet", "dataset", file, "--out", at(damage.name), "--jobs", "1"});
+    EXPECT_EQ(result.exit_code, 2) << damage.name;
+    EXPECT_THAT(result.err, HasSubstr(damage.message)) << damage.name;
+    EXPECT_EQ(std::count(result.err.begin(), result.err.end(), '\n'), 1) << result.err;
+    EXPECT_EQ(test::read_bytes(temp_ / damage.name / "README.md"), test::read_bytes(temp_ / "whole/README.md"));
+  }
+  // The remedy that the message names.
+  fs::remove(temp_ / "tar_cut/train-000000.tar");
+  EXPECT_EQ(rendered(file, "tar_cut")["samples"], 4);
+  EXPECT_EQ(contents("tar_cut"), expected);
 }
 
 TEST_F(DatasetVerb, RefusedTrialsAreListed) {
