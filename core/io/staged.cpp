@@ -72,6 +72,19 @@ bool is_there(const fs::path& file) {
   return lstat(file.c_str(), &status) == 0;
 }
 
+// True if a temporary folder has its marker. Anything else of that name, such as a pipe, is not ours.
+bool is_marked(const fs::path& folder) {
+  struct stat status {};
+  return lstat((folder / kPartialMarker).c_str(), &status) == 0 && S_ISREG(status.st_mode);
+}
+
+// Throws Error for a link to nothing, which would be replaced instead of followed.
+void refuse_dangling(const fs::path& file) {
+  std::error_code failed;
+  if (fs::is_symlink(file, failed) && !fs::exists(file, failed))
+    throw Error(file.string() + ": is a link to a file that does not exist; remove the link or create the file");
+}
+
 Error cannot(const fs::path& file, const char* what, int error = errno) {
   return Error(file.string() + ": cannot be " + what + ": " + std::strerror(error));
 }
@@ -149,7 +162,7 @@ int lock_leftover(const fs::path& folder) {
   if (lock < 0) return -1;
   struct stat status {};
   if (fstat(lock, &status) != 0 || status.st_uid != geteuid()) return -1;
-  const bool marked = is_there(folder / kPartialMarker);
+  const bool marked = is_marked(folder);
   if (flock(lock, LOCK_EX | LOCK_NB) != 0) {
     if (errno == EWOULDBLOCK || errno == EINTR || !marked || is_owner_alive(folder)) return -1;
   }
@@ -193,6 +206,19 @@ int write_all(int descriptor, std::string_view bytes) {
     bytes.remove_prefix(static_cast<size_t>(written));
   }
   return 0;
+}
+
+// Opens a pipe for writing. Opening one without a reader waits, for ever if none comes.
+int open_pipe(const fs::path& pipe) {
+  constexpr int kAttempts = 50;
+  constexpr useconds_t kPause_us = 100'000;
+  for (int attempt = 1;; ++attempt) {
+    const int out = uninterrupted([&] { return open(pipe.c_str(), O_WRONLY | O_NONBLOCK | O_CLOEXEC); });
+    if (out >= 0 && fcntl(out, F_SETFL, 0) == 0) return out;
+    if (out >= 0 || errno != ENXIO) return out;
+    if (attempt == kAttempts) throw Error(pipe.string() + ": is a pipe that no program reads; start the reader first");
+    usleep(kPause_us);
+  }
 }
 
 // Creates or overwrites a file in place.
@@ -275,10 +301,27 @@ bool is_foreign(const fs::path& old_folder, const Written& old, const std::strin
   return lstat((old_folder / name).c_str(), &status) != 0 || is_later(status.st_ctim, old.at);
 }
 
-fs::path free_name(const fs::path& file) {
+// Returns a name for `file` that nothing has, or for a folder, that nothing but a folder has.
+fs::path free_name(const fs::path& file, bool is_folder = false) {
+  const auto taken = [&](const fs::path& name) {
+    std::error_code failed;
+    return is_there(name) && !(is_folder && fs::symlink_status(name, failed).type() == fs::file_type::directory);
+  };
   fs::path name = file.string() + ".kept";
-  for (int number = 2; is_there(name); ++number) name = file.string() + ".kept" + std::to_string(number);
+  for (int number = 2; taken(name); ++number) name = file.string() + ".kept" + std::to_string(number);
   return name;
+}
+
+// Returns the place for `name` in `folder`, in subfolders of other names where files have those of its own.
+fs::path place_in(const fs::path& folder, const fs::path& name) {
+  fs::path place = folder;
+  for (const fs::path& part : name.parent_path()) {
+    place /= part;
+    std::error_code failed;
+    if (is_there(place) && fs::symlink_status(place, failed).type() != fs::file_type::directory)
+      place = free_name(place, true);
+  }
+  return place / name.filename();
 }
 
 // Makes the same file appear at a second place, without copying it if possible.
@@ -297,9 +340,9 @@ void carry_over(const fs::path& old_folder, const fs::path& next, const std::vec
   for (const std::string& name : files_below(old_folder)) {
     const bool keep = std::find(preserved.begin(), preserved.end(), name) != preserved.end();
     if (done.contains(name) || (!keep && !is_foreign(old_folder, old, name))) continue;
-    const bool taken = is_there(next / name);
-    if (!taken || (!keep && old.files))
-      duplicate(old_folder / name, taken ? free_name(next / name) : next / name, target / name);
+    const fs::path place = place_in(next, name);
+    const bool taken = is_there(place);
+    if (!taken || (!keep && old.files)) duplicate(old_folder / name, taken ? free_name(place) : place, target / name);
     done.insert(name);
   }
 }
@@ -476,7 +519,7 @@ WorkFolder::WorkFolder(const fs::path& target, const std::string& suffix) {
 }
 
 WorkFolder WorkFolder::taken_over(const fs::path& folder) {
-  if (!is_there(folder / kPartialMarker)) throw Error(folder.string() + ": was not left by FringeSLAM");
+  if (!is_marked(folder)) throw Error(folder.string() + ": was not left by FringeSLAM");
   WorkFolder taken;
   taken.lock_ = lock_leftover(folder);
   if (taken.lock_ < 0) throw Error(folder.string() + ": is in use by a running process, or belongs to another user");
@@ -537,11 +580,17 @@ void StagedFolder::commit() {
   // Another process may create or remove the target meanwhile.
   constexpr int kAttempts = 10;
   for (int attempt = 0; attempt < kAttempts; ++attempt) {
-    check_replaceable(target_, kind_);
-    replaces = is_there(target_);
-    if (replaces) {
-      carry_over(target_, staging_, preserved_, target_, carried_over);
-      carry_folders_over(target_, staging_);
+    try {
+      check_replaceable(target_, kind_);
+      replaces = is_there(target_);
+      if (replaces) {
+        carry_over(target_, staging_, preserved_, target_, carried_over);
+        carry_folders_over(target_, staging_);
+      }
+    } catch (const Error& e) {
+      // The work is done, and what is in its way may be anything.
+      throw Error(std::string(e.what()) + "; the new result is complete in " +
+                  (partial_->keep() / target_.filename()).string());
     }
     if (!std::exchange(synced, true)) sync_folder(staging_);
     error = rename_as(staging_, target_, replaces ? RENAME_EXCHANGE : RENAME_NOREPLACE);
@@ -571,7 +620,8 @@ StagedFile::StagedFile(fs::path target) : target_(std::move(target)) {
   if (target_.empty()) throw Error("--out: the name of the file is empty");
   if (target_.filename().empty() || fs::is_directory(target_, failed))
     throw Error(target_.string() + ": cannot be written: it is a folder");
-  if (fs::is_symlink(target_, failed) && fs::exists(target_, failed)) target_ = fs::canonical(target_, failed);
+  refuse_dangling(target_);
+  if (fs::is_symlink(target_, failed)) target_ = fs::canonical(target_, failed);
   if (fs::exists(target_, failed) && !fs::is_regular_file(target_, failed))
     throw Error(target_.string() + ": is a device or a pipe, which cannot be replaced; name a file");
   partial_.emplace(target_);
@@ -629,10 +679,17 @@ void replace_file(const fs::path& target, const fs::path& named, const std::stri
 void write_text(const fs::path& file, const std::string& text) {
   struct stat status {};
   if (stat(file.c_str(), &status) != 0) {
+    refuse_dangling(file);
     if (write_new(file, text)) return;
     if (stat(file.c_str(), &status) != 0 && errno != ENOENT) throw cannot(file, "written");
   }
   if (S_ISDIR(status.st_mode)) throw Error(file.string() + ": cannot be written: it is a folder");
+  if (S_ISFIFO(status.st_mode)) {
+    Descriptor out(open_pipe(file));
+    const int error = out < 0 ? errno : write_all(out, text);
+    if (error != 0) throw cannot(file, "written", error);
+    return;
+  }
   if (status.st_mode != 0 && !S_ISREG(status.st_mode)) return write_directly(file, file, text);
   std::error_code ignored;
   const bool link = fs::is_symlink(file, ignored) && fs::exists(file, ignored);

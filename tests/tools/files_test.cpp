@@ -284,10 +284,66 @@ TEST(StagedFolder, RefusesTheCurrentFolderAndAMountPoint) {
 // A folder that appears in the target's place while the result is computed is not replaced.
 TEST(StagedFolder, DoesNotReplaceAForeignFolderThatAppearsMeanwhile) {
   const test::TempFolder temp;
-  StagedFolder staged(temp / "out", kKind);
-  test::write_bytes(temp / "out/thesis.txt", "precious");
-  EXPECT_THAT(message_of([&] { staged.commit(); }), testing::HasSubstr("exists and was not written by"));
+  std::string message;
+  {
+    StagedFolder staged(temp / "out", kKind);
+    write_text(staged.path() / kFile, "hours of work");
+    test::write_bytes(temp / "out/thesis.txt", "precious");
+    message = message_of([&] { staged.commit(); });
+  }
+  EXPECT_THAT(message, testing::HasSubstr("exists and was not written by"));
   EXPECT_EQ(test::read_bytes(temp / "out/thesis.txt"), "precious");
+  constexpr std::string_view kPlace = "the new result is complete in ";
+  ASSERT_THAT(message, testing::HasSubstr(kPlace));
+  const test::fs::path kept = message.substr(message.find(kPlace) + kPlace.size());
+  EXPECT_EQ(test::read_bytes(kept / kFile), "hours of work");
+  write_ours(temp / "other", "new");
+  EXPECT_TRUE(exists(kept / kFile)) << "later processes leave it alone";
+}
+
+// Folders that have the names of new files, and files that have those of new folders.
+TEST(StagedFolder, KeepsWhatIsInTheWay) {
+  const test::TempFolder temp;
+  write_ours(temp / "out", "old");
+  test::write_bytes(temp / "out/map.ply/a/notes.txt", "precious");
+  test::write_bytes(temp / "out/map.ply/b.txt", "precious too");
+  test::write_bytes(temp / "out/frames", "by the user");
+  for (const std::string content : {"new", "newer"}) {
+    StagedFolder staged(temp / "out", kKind);
+    write_text(staged.path() / kFile, content);
+    write_text(staged.path() / "map.ply", content);
+    test::write_bytes(staged.path() / "frames/0.png", content);
+    staged.commit();
+    EXPECT_EQ(
+        test::listing(temp / "out"),
+        (std::set<std::string>{".fringeslam", "config.yaml", "frames", "frames/0.png", "frames.kept", "map.ply",
+                               "map.ply.kept", "map.ply.kept/a", "map.ply.kept/a/notes.txt", "map.ply.kept/b.txt"}));
+    EXPECT_EQ(test::read_bytes(temp / "out/map.ply"), content);
+    EXPECT_EQ(test::read_bytes(temp / "out/map.ply.kept/a/notes.txt"), "precious");
+    EXPECT_EQ(test::read_bytes(temp / "out/frames.kept"), "by the user");
+  }
+}
+
+TEST(Files, LinksToNothingAreNotReplaced) {
+  const test::TempFolder temp;
+  test::fs::create_symlink(temp / "none", temp / "link");
+  EXPECT_THAT(message_of([&] { write_text(temp / "link", "a"); }), testing::HasSubstr("is a link to a file that does"));
+  EXPECT_THAT(message_of([&] { StagedFile file(temp / "link"); }), testing::HasSubstr("is a link to a file that does"));
+  EXPECT_EQ(test::fs::read_symlink(temp / "link"), temp / "none");
+}
+
+// A pipe is written like a file if a program reads it, and does not wait for one for ever.
+TEST(Files, PipesAreWrittenIfTheyAreRead) {
+  const test::TempFolder temp;
+  const test::fs::path pipe = temp / "pipe";
+  ASSERT_EQ(mkfifo(pipe.c_str(), 0600), 0);
+  EXPECT_THAT(message_of([&] { write_text(pipe, "a"); }), testing::HasSubstr("is a pipe that no program reads"));
+  const std::string content(300000, 'x');  // more than a pipe holds
+  std::string read;
+  std::thread reader([&] { read = test::read_bytes(pipe); });
+  write_text(pipe, content);
+  reader.join();
+  EXPECT_EQ(read, content);
 }
 
 TEST(Files, AreReplacedAsAWholeAndKeepTheirMode) {
