@@ -93,6 +93,18 @@ std::map<fs::path, std::string> SceneCopy::texts(const std::string& name) const 
   return texts;
 }
 
+// Copies a file, or the files of a folder and its subfolders; links are followed.
+void copy_files(const fs::path& from, const fs::path& to, int deepest = 32) {
+  std::error_code failed;
+  if (!fs::is_directory(from, failed)) return copy_input(from, to, kMostDataBytes);
+  if (deepest == 0) throw Error(from.string() + ": is nested too deeply; does a link lead to a folder above it?");
+  fs::create_directory(to, failed);
+  fs::directory_iterator entry(from, failed);
+  for (const fs::directory_iterator end; !failed && entry != end; entry.increment(failed))
+    copy_files(entry->path(), to / entry->path().filename(), deepest - 1);
+  if (failed) throw Error(from.string() + ": cannot be copied: " + failed.message());
+}
+
 struct NewArguments {
   std::string name, from, mesh, in = "scenes";
 };
@@ -132,7 +144,7 @@ int new_scene(const NewArguments& arguments, const Common& common) {
   StagedFolder staged(target, "");
   for (const auto& entry : fs::directory_iterator(copy.source())) {
     const fs::path part = entry.path().filename();
-    if (!copy.leaves_out(part)) fs::copy(entry.path(), staged.path() / part, fs::copy_options::recursive);
+    if (!copy.leaves_out(part)) copy_files(entry.path(), staged.path() / part);
   }
   for (const auto& [path, text] : texts) write_text(staged.path() / path, text);
   staged.commit();

@@ -3,6 +3,7 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
+#include <array>
 #include <cctype>
 #include <charconv>
 #include <cmath>
@@ -15,6 +16,7 @@
 #include "core/types/linear_algebra.h"
 #include "sim/scene/cache.h"
 #include "sim/scene/mesh_reader.h"
+#include "sim/scene/uri.h"
 
 namespace fringeslam::sim {
 
@@ -176,10 +178,16 @@ std::filesystem::path texture_beside(const std::filesystem::path& file, std::str
   if (name.starts_with(kScheme)) name.erase(0, kScheme.size());
   std::replace(name.begin(), name.end(), '\\', '/');
   const std::filesystem::path folder = file.parent_path(), own = std::filesystem::path(name).filename();
-  for (const std::filesystem::path& candidate :
-       {folder / name, folder / own, folder / "textures" / own, folder / "../materials/textures" / own,
-        folder / "../textures" / own}) {
-    std::error_code unknown;
+  const auto candidates = [&](const std::filesystem::path& path, const std::filesystem::path& last) {
+    return std::array{folder / path, folder / last, folder / "textures" / last, folder / "../materials/textures" / last,
+                      folder / "../textures" / last};
+  };
+  std::error_code unknown;
+  for (const std::filesystem::path& candidate : candidates(name, own)) {
+    if (std::filesystem::exists(candidate, unknown)) return candidate;
+  }
+  // glTF names files by URIs.
+  for (const std::filesystem::path& candidate : candidates(percent_decoded(name), percent_decoded(own.string()))) {
     if (std::filesystem::exists(candidate, unknown)) return candidate;
   }
   return folder / name;
@@ -258,6 +266,7 @@ MeshImport import_model(const std::filesystem::path& file, const RawModel& model
     }
     return texture->second;
   };
+  size_t scaled_triangles = 0;
   std::vector<Scales> scales(model.meshes.size());
   for (const RawInstance& instance : model.instances) {
     const RawMesh& mesh = model.meshes[instance.mesh];
@@ -272,6 +281,9 @@ MeshImport import_model(const std::filesystem::path& file, const RawModel& model
     const ScaledMesh* size = scales[instance.mesh].find(stretch);
     if (!size) {
       take(stretched_bytes(mesh));
+      if ((scaled_triangles += mesh.indices.size() / 3) > options.most_triangles)
+        throw Error(file.string() + ": its meshes, at all the scales of its nodes, have more than " +
+                    std::to_string(options.most_triangles) + " triangles; simplify it, or divide it");
       size = &scales[instance.mesh].add(mesh, stretch);
     }
     result.degenerate += size->degenerate;

@@ -29,7 +29,8 @@ struct MeshImportOptions {
   std::optional<double> unit_m;  // length of one file unit, overriding the file's; default: the file's unit, else 1 m
   std::optional<UpAxis> up;      // file axis mapped to world z, overriding the format's default
   double time_limit_s = 60;
-  double memory_limit_gib = 4;  // of the process that reads the file, and of the imported parts
+  double memory_limit_gib = 4;         // of the process that reads the file, and of the imported parts
+  size_t most_triangles = 30'000'000;  // of all its meshes, counted again at each scale
 };
 
 // Vertices, and triangles, that the nodes of a file may have together, each node with all those of its mesh: a small file can

@@ -18,8 +18,10 @@
 #include <string_view>
 
 #include "core/base/limited_child.h"
+#include "core/io/files.h"
 #include "core/io/input_file.h"
 #include "core/types/error.h"
+#include "sim/scene/uri.h"
 
 namespace fringeslam::sim {
 
@@ -100,19 +102,54 @@ SourceFormat format_of(const aiScene& scene) {
   return SourceFormat::other;
 }
 
+// Returns the file that a mesh names, which in glTF is a URI.
+std::string named_file(const char* name) {
+  std::error_code unknown;
+  if (std::filesystem::exists(name, unknown)) return name;
+  std::string decoded = percent_decoded(name);
+  return std::filesystem::exists(decoded, unknown) ? decoded : name;
+}
+
+// True for formats of lines of text, whose first word assimp does not recognize behind a byte order mark.
+bool is_text_format(const std::string& file) {
+  const std::string extension = lower_extension(file);
+  return extension == ".obj" || extension == ".mtl" || extension == ".ply" || extension == ".stl" ||
+         extension == ".off";
+}
+
+// Adds the zeros that numbers such as .5 lack in the vertices of a Wavefront file: assimp does not count these as numbers.
+std::string with_leading_zeros(const std::string& text) {
+  std::string result;
+  result.reserve(text.size());
+  for (size_t begin = 0, end = 0; begin < text.size(); begin = end) {
+    end = std::min(text.find('\n', begin), text.size() - 1) + 1;
+    const size_t first = text.find_first_not_of(" \t", begin);
+    const bool is_vertex = first < end && text[first] == 'v';
+    for (size_t i = begin; i < end; ++i) {
+      if (is_vertex && text[i] == '.' && i > begin && (text[i - 1] == ' ' || text[i - 1] == '\t')) result += '0';
+      result += text[i];
+    }
+  }
+  return result;
+}
+
 // Gives assimp the content of regular files and nothing else. Remembers these files, and a file that has to be refused.
 class BoundedFiles : public Assimp::IOSystem {
  public:
   bool Exists(const char* file) const override {
     std::error_code unknown;
-    return std::filesystem::exists(file, unknown);
+    return std::filesystem::exists(named_file(file), unknown);
   }
   char getOsSeparator() const override { return '/'; }
-  Assimp::IOStream* Open(const char* file, const char* mode) override {
+  Assimp::IOStream* Open(const char* name, const char* mode) override {
+    constexpr std::string_view kByteOrderMark = "\xEF\xBB\xBF";
     std::error_code unknown;
+    const std::string file = named_file(name);
     if (std::strpbrk(mode, "wa+") || !std::filesystem::exists(file, unknown)) return nullptr;
     try {
-      const std::string bytes = read_input(file, kMostMeshBytes);
+      std::string bytes = read_input(file, kMostMeshBytes);
+      if (bytes.starts_with(kByteOrderMark) && is_text_format(file)) bytes.erase(0, kByteOrderMark.size());
+      if (lower_extension(file) == ".obj") bytes = with_leading_zeros(bytes);
       auto copy = std::make_unique<uint8_t[]>(bytes.size());
       std::memcpy(copy.get(), bytes.data(), bytes.size());
       opened_.insert(file);

@@ -217,10 +217,11 @@ void check_texture(const YamlMap& map, const std::filesystem::path& texture) {
 }
 
 // Imports a mesh file, one object per part; `material` overrides the file's materials.
-std::vector<Object> read_mesh(const YamlMap& map, const Materials& materials, uint32_t seed,
+std::vector<Object> read_mesh(const YamlMap& map, const Materials& materials, uint32_t seed, const SceneLimits& limits,
                               std::vector<std::string>& notes) {
   const std::filesystem::path file = map.file("file");
   MeshImportOptions options;
+  options.most_triangles = limits.triangles;
   if (map.has("unit_m")) options.unit_m = map.number("unit_m", {1e-6, 1e6});
   if (map.has("up")) options.up = map.choice<UpAxis>("up");
   const std::optional<Material> material =
@@ -293,7 +294,7 @@ std::vector<Object> read_objects(const YamlMap& entry, uint32_t number, ObjectCo
     return scatter_objects(read_scatter(entry, context.materials, context.limits.scattered), context.seed, number);
   if (shape == "pile") return read_pile_objects(entry, number, context);
   const uint32_t shape_seed = Philox(context.seed, Stream::shape, number).seed();
-  if (shape == "mesh") return read_mesh(entry, context.materials, shape_seed, context.notes);
+  if (shape == "mesh") return read_mesh(entry, context.materials, shape_seed, context.limits, context.notes);
   return {read_single(entry, shape, context.materials, shape_seed)};
 }
 

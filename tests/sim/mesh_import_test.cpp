@@ -15,6 +15,7 @@
 #include "core/types/error.h"
 #include "sim/scene/raw_model.h"
 #include "sim/scene/scene.h"
+#include "sim/scene/uri.h"
 #include "tests/sim/test_scenes.h"
 #include "tests/support/matchers.h"
 #include "tests/support/temp_folder.h"
@@ -245,6 +246,33 @@ TEST_F(Import, DegenerateTrianglesAreCountedAndDropped) {
   EXPECT_EQ(roof.degenerate, 2u);
 }
 
+// Editors of other systems write a byte order mark, and programs numbers without a leading zero.
+TEST_F(Import, TextMayHaveAByteOrderMarkAndShortNumbers) {
+  const std::string mark = "\xEF\xBB\xBF";
+  for (const auto& [name, text] :
+       {std::pair("roof.obj", kObj), std::pair("roof.ply", kPly), std::pair("roof.stl", kStl)})
+    expect_roof(import_mesh(file(name, mark + text)), 1);
+  const MeshImport small = import_mesh(file("small.obj", "v .0 0 0\nv .4 -.0 0\nv .4 .2 3\nf 1 2 3\n"));
+  EXPECT_NEAR((small.high - Eigen::Vector3d(0.4, 0.2, 3)).norm(), 0, 1e-6);
+}
+
+TEST_F(Import, GltfNamesFilesByUris) {
+  std::string text = gltf();
+  const size_t begin = text.find("data:"), end = text.find('"', begin);
+  std::string bytes;
+  for (const float x : {0.f, 0.f, 0.f, 4.f, 0.f, 0.f, 4.f, 3.f, -2.f, 0.f, 3.f, -2.f})
+    bytes.append(reinterpret_cast<const char*>(&x), 4);
+  for (const int index : {0, 1, 2, 0, 2, 3}) bytes += {static_cast<char>(index), '\0'};
+  (void)file("a roof.bin", bytes);
+  for (const char* uri : {"a%20roof.bin", "a roof.bin"}) {
+    const std::string named = text.substr(0, begin) + uri + text.substr(end);
+    const MeshImport roof = import_mesh(file("roof.gltf", named));
+    EXPECT_EQ(roof.triangles, 2u) << uri;
+    EXPECT_TRUE(roof.files.contains(temp_ / "a roof.bin")) << uri;
+  }
+  EXPECT_EQ(percent_decoded("50%25 %2fa%zz%4"), "50% /a%zz%4");
+}
+
 // Every broken file is refused with a one-line error naming it, in bounded time and without crashing the program.
 TEST_F(Import, BrokenFilesAreRefused) {
   const std::string obj = kObj, ply = kPly, stl = kStl, dae = kDae, fbx = kFbx, good_gltf = gltf();
@@ -371,6 +399,16 @@ TEST(ImportLimits, MeshesAtAllScalesFitInTheMemory) {
   for (const RawModel& model : {different, names})
     EXPECT_THAT(error_of([&] { import_model("strip.obj", model, options); }),
                 HasSubstr("strip.obj: its nodes, and its meshes at all their scales, need more than 10 MiB of memory"));
+}
+
+TEST(ImportLimits, MeshesAtAllScalesHaveALimitOfTriangles) {
+  MeshImportOptions options;
+  options.most_triangles = 5000;
+  RawModel model = strip_model(1000, 1000);
+  model.instances.assign(50, scaled_node({2, 2, 2}));
+  EXPECT_EQ(import_model("strip.obj", model, options).parts.size(), 50u) << "one mesh at one scale";
+  for (int i = 0; i < 5; ++i) model.instances.push_back(scaled_node({1, 1, 1 + 0.01 * i}));
+  EXPECT_THAT(error_of([&] { import_model("strip.obj", model, options); }), HasSubstr("more than 5000 triangles"));
 }
 
 TEST(ImportLimits, AnyNumberOfScalesIsSharedUpToRounding) {

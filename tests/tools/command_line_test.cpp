@@ -462,6 +462,20 @@ TEST(CommandLineScene, AreMadeFromAMesh) {
   EXPECT_THAT(refused.err,
               HasSubstr("part.obj: refers to " + (temp / "kit/part.mtl").string() + ", which is not copied"));
   EXPECT_FALSE(test::fs::exists(temp / "none"));
+
+  // Textures that do not exist, and files whose names the scene needs.
+  test::write_bytes(temp / "kit/meshes/part.obj", std::string("mtllib m.mtl\n") + kTetrahedron);
+  for (const auto& [material, says] :
+       {std::pair("newmtl m\nmap_Kd gone.png\n", "gone.png, which does not exist; put it"),
+        std::pair("newmtl m\nmap_Kd rig.yaml\n", "the name of another file of the scene")}) {
+    test::write_bytes(temp / "kit/meshes/m.mtl", material);
+    test::write_bytes(temp / "kit/meshes/rig.yaml", "no image");
+    const test::Finished failed = made_from("kit/meshes/part.obj", "none");
+    EXPECT_EQ(failed.exit_code, 2);
+    EXPECT_THAT(failed.err, HasSubstr(says));
+    EXPECT_EQ(std::count(failed.err.begin(), failed.err.end(), '\n'), 1) << failed.err;
+    EXPECT_FALSE(test::fs::exists(temp / "none"));
+  }
 }
 
 // Their name is a text like any other, and the scene file may have lines of any length.
@@ -606,6 +620,9 @@ TEST_F(CommandLine, TheSettingsReferenceIsUpToDate) {
   EXPECT_EQ(finished.exit_code, 0);
   EXPECT_EQ(finished.out, test::read_bytes(std::string(FRINGESLAM_SOURCE_DIR) + "/docs/reference/settings.md"))
       << "run `fringeslam settings > docs/reference/settings.md`";
+  const json settings = whole_json(run_successfully({"--json", "settings"}));
+  EXPECT_EQ(settings.at("decode").at("steps").at("default"), 0);
+  EXPECT_EQ(settings.at("decode").at("unwrapping").at("permitted").at(0), "auto");
 }
 
 }  // namespace

@@ -16,6 +16,7 @@
 #include "sim/scene/data_folder.h"
 #include "sim/scene/mesh_import.h"
 #include "sim/scene/mesh_reader.h"
+#include "sim/scene/scene.h"
 
 namespace fringeslam::tools {
 
@@ -23,17 +24,19 @@ namespace fs = std::filesystem;
 
 namespace {
 
+constexpr const char* kRigFile = "rig.yaml";
+
 std::string numbers(const Eigen::Vector3d& values) {
   // Tenths of a millimeter are finer than anything that depends on them.
   const auto text = [](double value) { return to_text(std::round(1e4 * value) / 1e4 + 0.0); };
   return "[" + text(values.x()) + ", " + text(values.y()) + ", " + text(values.z()) + "]";
 }
 
-// Imports the copy of a mesh. Messages name the mesh, since the copy is gone when they are read.
-sim::MeshImport imported_copy(const fs::path& copy, const std::string& mesh,
-                              const sim::MeshImportOptions& options = {}) {
+// Calls a function that reads the copy of a mesh. Messages name the mesh, since the copy is gone when they are read.
+template <class Read>
+auto reading_copy(const fs::path& copy, const std::string& mesh, const Read& read) {
   try {
-    return sim::import_mesh(copy, options);
+    return read();
   } catch (const Error& failure) {
     std::string text = failure.what();
     const std::string own = copy.string();
@@ -43,20 +46,25 @@ sim::MeshImport imported_copy(const fs::path& copy, const std::string& mesh,
   }
 }
 
+sim::MeshImport imported_copy(const fs::path& copy, const std::string& mesh) {
+  return reading_copy(copy, mesh, [&] { return sim::import_mesh(copy); });
+}
+
+bool lacks_texture(const sim::ImportedPart& part) {
+  std::error_code unknown;
+  return !part.texture.empty() && !fs::exists(part.texture, unknown);
+}
+
 // The mesh as the scene imports it.
 struct Placed {
   std::string unit;  // line of its entry; empty: that of the file
   Eigen::Vector3d low, high;
 };
 
-Placed placed(const fs::path& mesh, const std::string& name) {
+Placed placed(const sim::MeshImport& mesh) {
   constexpr double kLargest_m = 10, kMillimeter_m = 1e-3;
-  const sim::MeshImport found = imported_copy(mesh, name);
-  if (found.unit_m != 1 || (found.high - found.low).maxCoeff() <= kLargest_m) return {"", found.low, found.high};
-  sim::MeshImportOptions options;
-  options.unit_m = kMillimeter_m;
-  const sim::MeshImport smaller = imported_copy(mesh, name, options);
-  return {", unit_m: 0.001", smaller.low, smaller.high};
+  if (mesh.unit_m != 1 || (mesh.high - mesh.low).maxCoeff() <= kLargest_m) return {"", mesh.low, mesh.high};
+  return {", unit_m: 0.001", kMillimeter_m * mesh.low, kMillimeter_m * mesh.high};
 }
 
 }  // namespace
@@ -78,6 +86,11 @@ void copy_mesh(const fs::path& mesh, const fs::path& copy) {
     return inside.empty() || *inside.begin() == ".." ? fs::path() : inside;
   };
   const sim::MeshImport original = sim::import_mesh(mesh);
+  for (const sim::ImportedPart& part : original.parts) {
+    if (lacks_texture(part))
+      throw Error(mesh.string() + ": has the texture " + part.texture.string() +
+                  ", which does not exist; put it there, or remove it from the mesh");
+  }
   copy_input(mesh, copy, sim::kMostMeshBytes);
   std::map<fs::path, fs::path> sources;  // by the files in the folder of the copy
   for (const fs::path& read : original.files) {
@@ -91,6 +104,9 @@ void copy_mesh(const fs::path& mesh, const fs::path& copy) {
     // A mesh from elsewhere must not bring the user's other files into a folder that is given away.
     if (inside.empty())
       throw Error(mesh.string() + ": refers to " + file.string() + ", which is not copied; put it beside the mesh");
+    if (inside == sim::kSceneFile || inside == kRigFile)
+      throw Error(mesh.string() + ": refers to " + file.string() +
+                  ", which has the name of another file of the scene; rename it");
     const fs::path target = (copy.parent_path() / inside).lexically_normal();
     const auto [source, is_new] = sources.try_emplace(target, file);
     if (!is_new && source->second == file) continue;
@@ -118,28 +134,36 @@ void create_mesh_scene(const fs::path& mesh, const fs::path& folder,
   StagedFolder staged(folder, "");
   const std::string file = "mesh" + extension;
   write_mesh(staged.path() / file);
-  const Placed shown = placed(staged.path() / file, mesh.string());
+  const sim::MeshImport imported = imported_copy(staged.path() / file, mesh.string());
+  const Placed shown = placed(imported);
+  // The page for scenes receives the mesh alone.
+  const bool is_plain = std::any_of(imported.parts.begin(), imported.parts.end(), lacks_texture);
   const Eigen::Vector3d size = shown.high - shown.low, middle = 0.5 * (shown.low + shown.high);
   const std::string rig = size.head<2>().maxCoeff() <= kThesisField_m ? "thesis" : "wide";
-  fs::copy_file(data / "scenes" / "rigs" / (rig + ".yaml"), staged.path() / "rig.yaml");
+  fs::copy_file(data / "scenes" / "rigs" / (rig + ".yaml"), staged.path() / kRigFile);
   const double floor_m = std::max(1.0, 4 * size.head<2>().maxCoeff());
   const std::string name = folder.filename().string();
   const double height_m = size.z() / 2 + kRange_m * std::sin(kElevation), radius_m = kRange_m * std::cos(kElevation);
   write_text(staged.path() / sim::kSceneFile,
              "name: " + yaml_quoted(name) + "\ndescription: " + yaml_quoted(mesh.filename().string() + " on a floor") +
                  "\nseed: 1\n"
-                 "rig: {file: rig.yaml}\n"
+                 "rig: {file: " +
+                 std::string(kRigFile) +
+                 "}\n"
                  "patterns: {axis: columns, steps: 3, periods_px: [1040, 131, 16.5]}\n"
                  "light: {ambient_lux: 100}\n"
                  "materials:\n"
-                 "  floor: {grain: concrete, albedo: 0.4, contrast: 0.35, grain_m: 0.03}\n"
+                 "  floor: {grain: concrete, albedo: 0.4, contrast: 0.35, grain_m: 0.03}\n" +
+                 (is_plain ? "  plain: {albedo: 0.5}\n" : "") +
                  "objects:\n"
                  "  - {shape: plane, size_m: [" +
                  to_text(floor_m) + ", " + to_text(floor_m) +
                  "], material: floor}\n"
-                 "  # Without `material`, the mesh has the colors of its file.\n"
+                 "  # Without `material`, the mesh has the colors" +
+                 (is_plain ? " and textures" : "") +
+                 " of its file.\n"
                  "  - {shape: mesh, file: " +
-                 yaml_quoted(file) + shown.unit +
+                 yaml_quoted(file) + shown.unit + (is_plain ? ", material: plain" : "") +
                  ", pose: {translation_m: " + numbers({-middle.x(), -middle.y(), -shown.low.z()}) +
                  "}}\n"
                  "trajectory:\n"
@@ -148,6 +172,8 @@ void create_mesh_scene(const fs::path& mesh, const fs::path& folder,
                  ", height_m: " + to_text(std::round(1e3 * height_m) / 1e3) +
                  ", from_deg: 0, to_deg: 60, count: 7}\n"
                  "  interval_s: 0.5\n");
+  // A mesh can be readable and yet more than a scene may have.
+  reading_copy(staged.path() / file, mesh.string(), [&] { return sim::load_scene(staged.path() / sim::kSceneFile); });
   staged.commit();
 }
 
