@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <cstdlib>
 #include <thread>
 #include <vector>
 
@@ -28,6 +29,8 @@ class Video {
     SDL_SetMainReady();
     SDL_SetHint(SDL_HINT_NO_SIGNAL_HANDLERS, "1");
     SDL_SetHint(SDL_HINT_VIDEO_MINIMIZE_ON_FOCUS_LOSS, "0");
+    // Wayland's library prints a message of its own where there is no session. The user's environment precedes this.
+    if (std::getenv("XDG_RUNTIME_DIR") == nullptr) SDL_SetHint(SDL_HINT_VIDEODRIVER, "x11,kmsdrm");
     if (SDL_InitSubSystem(SDL_INIT_VIDEO) != 0) fail("no desktop to show a window on (is DISPLAY set?)");
     // Without a desktop, SDL may fall back to a driver that draws into invisible memory.
     const std::string driver = SDL_GetCurrentVideoDriver();

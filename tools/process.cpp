@@ -23,7 +23,8 @@ namespace {
 std::string untranslated(const std::exception& exception) {
   if (const auto* files = dynamic_cast<const std::filesystem::filesystem_error*>(&exception)) {
     const std::string& second = files->path2().string();
-    return files->path1().string() + (second.empty() ? "" : ", " + second) + ": " + files->code().message() +
+    const std::string first = files->path1().empty() ? "a file or folder" : files->path1().string();
+    return first + (second.empty() ? "" : ", " + second) + ": " + files->code().message() +
            "; check the path and its permissions";
   }
   if (dynamic_cast<const std::bad_alloc*>(&exception))
@@ -36,10 +37,20 @@ std::string untranslated(const std::exception& exception) {
   return exception.what();
 }
 
+// Another program has shortened a file that is mapped into memory, or its disk has failed.
+extern "C" void end_without_file(int) {
+  constexpr char kMessage[] =
+      "fringeslam: a file became shorter, or its disk failed, while it was read; copy the file and run the command "
+      "again\n";
+  (void)!write(2, kMessage, sizeof kMessage - 1);
+  _exit(2);
+}
+
 }  // namespace
 
 void prepare_process() {
   std::signal(SIGXFSZ, SIG_IGN);
+  std::signal(SIGBUS, end_without_file);
   // Reading from and writing to these fails, as it would with the closed stream.
   if (fcntl(0, F_GETFD) < 0) (void)!open("/dev/null", O_WRONLY);
   for (const int stream : {1, 2}) {

@@ -28,7 +28,7 @@ Verb add_report(Command app, const Common& common) {
     const fs::path out = arguments->out.empty() ? run / "report.html" : fs::path(arguments->out);
     require_extension(out, ".html");
     std::vector<fs::path> inputs;
-    for (const auto& entry : fs::recursive_directory_iterator(run)) {
+    for (const auto& entry : fs::recursive_directory_iterator(run, fs::directory_options::skip_permission_denied)) {
       if (lower_extension(entry.path()) != ".html") inputs.push_back(entry.path());
     }
     require_not_an_input(out, inputs);

@@ -3,7 +3,9 @@
 
 #include <algorithm>
 #include <cstdio>
+#include <nlohmann/json.hpp>
 
+#include "core/io/json_text.h"
 #include "core/io/setting_groups.h"
 #include "tools/verbs.h"
 
@@ -42,6 +44,39 @@ class MarkdownWriter {
   }
   std::string text_;
 };
+
+// Collects one JSON object per field.
+class JsonWriter {
+ public:
+  void field(const char* name, double& value, Range range, const char* help) { add(name, value, range, help); }
+  void field(const char* name, int& value, Range range, const char* help) { add(name, value, range, help); }
+  void field(const char* name, bool& value, const char* help) {
+    fields_[name] = {{"default", value}, {"meaning", help}};
+  }
+  template <NamedEnum E>
+  void field(const char* name, E& value, const char* help) {
+    fields_[name] = {{"default", to_string(value)}, {"permitted", choice_names<E>()}, {"meaning", help}};
+  }
+  const nlohmann::ordered_json& fields() const { return fields_; }
+
+ private:
+  template <class Number>
+  void add(const char* name, Number value, Range range, const char* help) {
+    fields_[name] = {{"default", value}, {"least", range.low}, {"most", range.high}, {"meaning", help}};
+  }
+  nlohmann::ordered_json fields_ = nlohmann::ordered_json::object();
+};
+
+nlohmann::ordered_json settings_json() {
+  nlohmann::ordered_json groups;
+  Settings settings;
+  settings.for_each_group([&](const char* name, auto& options) {
+    JsonWriter writer;
+    options.describe(writer);
+    groups[name] = writer.fields();
+  });
+  return groups;
+}
 
 }  // namespace
 
@@ -85,10 +120,10 @@ std::string settings_markdown() {
   return text;
 }
 
-Verb add_settings(Command app, const Common&) {
-  app.add_subcommand("settings", "Print the reference of all settings as Markdown");
-  return [] {
-    std::fputs(settings_markdown().c_str(), stdout);
+Verb add_settings(Command app, const Common& common) {
+  app.add_subcommand("settings", "Print the reference of all settings, as Markdown or with --json");
+  return [&common] {
+    std::fputs(common.json ? (json_text(settings_json()) + "\n").c_str() : settings_markdown().c_str(), stdout);
     return 0;
   };
 }

@@ -28,7 +28,15 @@ bool has_result(const nlohmann::json& line, const Study& study) {
   };
   const auto is_text_or_absent = [&](const char* key) { return !line.contains(key) || line[key].is_string(); };
   if (!is_text(line, "outcome") || !is_text_or_absent("cause") || !is_text_or_absent("message")) return false;
-  if (line.contains("metrics") && !line["metrics"].is_object()) return false;
+  const auto is_cell = [](const nlohmann::json& value) {
+    return value.is_null() || value.is_number() || value.is_string();
+  };
+  if (line.contains("metrics") &&
+      (!line["metrics"].is_object() || !std::all_of(line["metrics"].begin(), line["metrics"].end(), is_cell)))
+    return false;
+  if (!std::all_of(kOwnColumns.begin(), kOwnColumns.end(),
+                   [&](const char* column) { return !line.contains(column) || is_cell(line[column]); }))
+    return false;
   if (!line.contains("values") || !line["values"].is_object()) return false;
   return std::all_of(study.parameters.begin(), study.parameters.end(),
                      [&](const Parameter& parameter) { return is_text(line["values"], parameter.name); });
@@ -39,7 +47,8 @@ bool depends_on_load(const nlohmann::json& line) {
   return line["outcome"] == "timed_out" || line["outcome"] == "crashed";
 }
 
-// Adds the lines of a file. Of two results of a trial, one that does not depend on the machine's load counts. An incomplete last line, cut off when its writer died, is ignored.
+// Adds the lines of a file. Of two results of a trial, one that does not depend on the machine's load counts. An incomplete last
+// line, cut off when its writer died, is ignored.
 void read_lines(const fs::path& file, const Study& study, std::map<int, std::string>& lines) {
   const std::string text = read_bytes(file);
   int number = 0;

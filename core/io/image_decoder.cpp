@@ -21,19 +21,12 @@ struct ReaderName {
   const char* name;
   std::string_view extensions;  // each between spaces
 };
-constexpr std::array kReaders = {ReaderName{"png", " .png "},
-                                 ReaderName{"tiff", " .tif .tiff .tx "},
-                                 ReaderName{"openexr", " .exr "},
-                                 ReaderName{"jpeg", " .jpg .jpeg "},
-                                 ReaderName{"webp", " .webp "},
-                                 ReaderName{"bmp", " .bmp .dib "},
-                                 ReaderName{"pnm", " .pgm .ppm .pbm .pnm .pfm "},
-                                 ReaderName{"targa", " .tga "},
-                                 ReaderName{"hdr", " .hdr .rgbe "},
-                                 ReaderName{"gif", " .gif "},
-                                 ReaderName{"dds", " .dds "},
-                                 ReaderName{"psd", " .psd "},
-                                 ReaderName{"jpeg2000", " .jp2 .j2k "},
+constexpr std::array kReaders = {ReaderName{"png", " .png "},        ReaderName{"tiff", " .tif .tiff .tx "},
+                                 ReaderName{"jpeg", " .jpg .jpeg "}, ReaderName{"webp", " .webp "},
+                                 ReaderName{"bmp", " .bmp .dib "},   ReaderName{"pnm", " .pgm .ppm .pbm .pnm .pfm "},
+                                 ReaderName{"targa", " .tga "},      ReaderName{"hdr", " .hdr .rgbe "},
+                                 ReaderName{"gif", " .gif "},        ReaderName{"dds", " .dds "},
+                                 ReaderName{"psd", " .psd "},        ReaderName{"jpeg2000", " .jp2 .j2k "},
                                  ReaderName{"dpx", " .dpx "}};
 
 }  // namespace
@@ -44,6 +37,8 @@ std::string image_format(std::string_view head, const std::string& extension, co
   if (head.starts_with("\x76\x2f\x31\x01"sv)) return "openexr";
   if (head.starts_with("II*\0"sv) || head.starts_with("MM\0*"sv)) return "tiff";
   if (head.starts_with("RIFF"sv) && head.size() >= 12 && head.substr(8, 4) == "WEBP"sv) return "webp";
+  if (extension == ".exr")
+    throw Error(name + ": cannot be read as an image: it does not begin like an EXR file; copy or export it again");
   for (const ReaderName& reader : kReaders) {
     if (!extension.empty() && reader.extensions.find(" " + extension + " ") != std::string_view::npos)
       return reader.name;

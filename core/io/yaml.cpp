@@ -600,6 +600,9 @@ void YamlMap::set(const std::string& path, const std::string& value, const std::
   if (parsed.size() != 1) throw Error(path + "=" + value + ": must be one YAML value; give further keys by themselves");
   YAML::Node at;
   at.reset(node_->yaml);
+  if (static_cast<size_t>(std::count(path.begin(), path.end(), '.')) >= kDeepestYaml)
+    throw Error((place.empty() ? node_->file : place) + ": a key path has more than " + std::to_string(kDeepestYaml) +
+                " parts");
   size_t begin = 0;
   while (true) {
     const size_t end = std::min(path.find('.', begin), path.size());

@@ -181,7 +181,9 @@ class SceneLayers {
 
   void report_missing(const YamlMap& map, const fs::path& file) {
     if (reading_.files) reading_.files->push_back(file);
-    map.report(map.error("include", file.string() + " does not exist"));
+    std::error_code unknown;
+    map.report(
+        map.error("include", file.string() + (fs::exists(file, unknown) ? " is not a file" : " does not exist")));
   }
 
   void add(const fs::path& file, const std::string& place, size_t includer) {

@@ -186,9 +186,10 @@ TEST_F(Results, DamagedOnesAreRefused) {
   };
   const nlohmann::json good = nlohmann::json::parse(line(1));
   ASSERT_EQ(error(good.dump()), "no Error was thrown");
-  for (const char* change :
-       {R"({"outcome": null})", R"({"outcome": 3})", R"({"cause": 3})", R"({"message": []})", R"({"metrics": 3})",
-        R"({"values": 3})", R"({"values": {"light.ambient_lux": 3}})", R"({"values": {"light.ambient_lux": null}})"}) {
+  for (const char* change : {R"({"outcome": null})", R"({"outcome": 3})", R"({"cause": 3})", R"({"message": []})",
+                             R"({"metrics": 3})", R"({"values": 3})", R"({"values": {"light.ambient_lux": 3}})",
+                             R"({"values": {"light.ambient_lux": null}})", R"({"seed": []})", R"({"seed": true})",
+                             R"({"metrics": {"translation_mm": [1]}})", R"({"metrics": {"translation_mm": false}})"}) {
     nlohmann::json damaged = good;
     damaged.merge_patch(nlohmann::json::parse(change));
     EXPECT_THAT(error(damaged.dump()), HasSubstr("0-of-1.jsonl:2: is a damaged result")) << change;

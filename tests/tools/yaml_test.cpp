@@ -142,6 +142,11 @@ TEST(Yaml, WhatIsBeyondMeasureIsRefused) {
                 AllOf(StartsWith("f.yaml:" + std::to_string(line) + ": "), HasSubstr(says)));
   };
   refused("a:\n  " + std::string(100000, '['), 2, "more than 64 nested maps and lists");
+  refused("a:\n  " + std::string(15 << 20, '{'), 2, "more than 64 nested maps and lists");
+  std::string path = "a";
+  for (int i = 0; i < 5000; ++i) path += ".a";
+  YamlMap map = YamlMap::parse("b: 1\n", "f.yaml");
+  EXPECT_EQ(message_of([&] { map.set(path, "1"); }), "f.yaml: a key path has more than 64 parts");
   refused("a: 1\nb: &b [1, 2]\nc: 3\n", 2, "anchors and aliases (&name, *name) are not supported");
   refused("a: 1\n--- # the next\nb: 2\n", 2, "a second document");
   std::string list = "a: [";

@@ -28,7 +28,8 @@ std::vector<ListedScene> list_scenes(const fs::path& folder) {
   std::vector<ListedScene> scenes;
   for (const auto& entry : fs::directory_iterator(folder)) {
     const fs::path file = entry.path() / sim::kSceneFile;
-    if (fs::exists(file)) scenes.push_back({entry.path(), description_of(file)});
+    std::error_code unknown;  // such as of a folder that may not be read
+    if (fs::exists(file, unknown)) scenes.push_back({entry.path(), description_of(file)});
   }
   if (scenes.empty()) throw Error(folder.string() + ": contains no folder with a scene.yaml");
   std::sort(scenes.begin(), scenes.end(), [](const auto& a, const auto& b) { return a.folder < b.folder; });

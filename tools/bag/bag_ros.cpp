@@ -65,6 +65,19 @@ struct BagWriter::Impl {
   std::map<std::string, uint32_t> sequence = {};  // next header.seq of each topic
   bool failed = false;                            // incomplete records: what is written after them would be misread
 
+  explicit Impl(fs::path path) : file(std::move(path)) {}
+  ~Impl() {
+    try {
+      if (!failed) bag->close();
+    } catch (const std::exception&) {
+      failed = true;
+    }
+    // The error was reported. The destructor of rosbag::Bag would throw it again, which ends the program.
+    if (failed) (void)bag.release();
+  }
+  Impl(const Impl&) = delete;
+  Impl& operator=(const Impl&) = delete;
+
   template <class Function>
   void guarded(const Function& function) {
     try {
@@ -73,7 +86,7 @@ struct BagWriter::Impl {
       throw;
     } catch (const std::exception& e) {
       failed = true;
-      throw Error(file.string() + ": cannot be written: " + e.what());
+      throw Error(file.string() + ": cannot be written: " + e.what() + "; check the free disk space");
     }
   }
 
@@ -100,20 +113,11 @@ struct BagWriter::Impl {
   }
 };
 
-BagWriter::BagWriter(fs::path file) : impl_(std::make_unique<Impl>()) {
-  impl_->file = std::move(file);
+BagWriter::BagWriter(fs::path file) : impl_(std::make_unique<Impl>(std::move(file))) {
   impl_->guarded([&] { impl_->bag->open(impl_->file.string(), rosbag::bagmode::Write); });
 }
 
-BagWriter::~BagWriter() {
-  try {
-    if (!impl_->failed) impl_->bag->close();
-  } catch (const std::exception&) {
-    impl_->failed = true;
-  }
-  // The error was reported. The destructor of rosbag::Bag would throw it again, which ends the program.
-  if (impl_->failed) (void)impl_->bag.release();
-}
+BagWriter::~BagWriter() = default;
 
 void BagWriter::close() {
   if (impl_->failed)  // the index would follow an incomplete record
