@@ -61,7 +61,7 @@ std::vector<double> collect(const std::vector<PairError>& errors, Member member,
   return values;
 }
 
-int seeds(const Context& context) { return context.quick ? 5 : 30; }
+int seeds(const Context& context) { return context.quick ? 15 : 30; }
 
 std::vector<Row> experiment_rows(const std::string& id, const std::string& scene, double limit_mm, double limit_deg,
                                  const Context& context) {
@@ -84,7 +84,9 @@ std::vector<Row> depth_numerics_rows(const Context& context) {
     for (Pattern& pattern : scene.patterns.patterns) pattern.bits = 0;
     const auto view = sim::VirtualRig(scene, {1, false, false, sim::Effects::none()}).simulate(scene.patterns);
     const DecodedStack decoded = decode(view->stack, scene.rig, {});
-    const Frame frame = reconstruct(decoded, scene.rig, pixel_rays(scene.rig.camera), {});
+    DepthOptions options;
+    options.texture_correction = false;  // a single sample sees a point instead of a pixel's square
+    const Frame frame = reconstruct(decoded, scene.rig, pixel_rays(scene.rig.camera), options);
     cv::Mat1f depth;
     cv::extractChannel(frame.points_m, depth, 2);
     const DepthScore score =

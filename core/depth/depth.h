@@ -24,7 +24,7 @@ struct DepthOptions {
   double near_m = 0.4, far_m = 2.5;  // depths outside are rejected
   double max_slope_deg = 89;         // steeper depth steps between neighbours are discontinuities
   double max_sigma_m = 0.005;
-  bool texture_correction = false;
+  bool texture_correction = true;
   double footprint_noise = 0.03;
   int normal_radius_px = 5;      // of the largest window; smaller ones are used near edges
   double max_normal_chi2 = 2.5;  // of the plane fit, per degree of freedom

@@ -309,9 +309,12 @@ class BlockRenderer {
     const Station& station = stations_[station_of(sample)];
     const auto samples = static_cast<size_t>(r_.rays_->per_pixel);
     Eigen::Vector2d slope[kPacket], start[kPacket];
+    alignas(64) float transmission[kPacket];
     for (int i = 0; i < kPacket; ++i) {
-      slope[i] = r_.rays_->samples[pixel_[i] * samples + static_cast<size_t>(sample)];
+      const size_t number = pixel_[i] * samples + static_cast<size_t>(sample);
+      slope[i] = r_.rays_->samples[number];
       start[i].setZero();
+      transmission[i] = r_.rays_->transmission.empty() ? 1.0f : r_.rays_->transmission[number];
     }
     sighted_ = with_rays(slope);
     if (pupil_m_ > 0) apply_thin_lens(sample, slope, start);
@@ -332,7 +335,8 @@ class BlockRenderer {
       to_viewer.y[i] = -dy / norm;
       to_viewer.z[i] = -dz / norm;
       length[i] = static_cast<float>(hits.distance[i] * norm);
-      weight[i] = haze_.extinction_per_m > 0 ? std::exp(-static_cast<float>(haze_.extinction_per_m) * length[i]) : 1.0f;
+      weight[i] = transmission[i];
+      if (haze_.extinction_per_m > 0) weight[i] *= std::exp(-static_cast<float>(haze_.extinction_per_m) * length[i]);
     }
     if (r_.panes_) weaken_by_panes(rays, hits, weight);
     BeamPacket beam;
@@ -345,7 +349,7 @@ class BlockRenderer {
     }
     if (r_.panes_ && patterns_.count() > 0) {
       add_mirrored_beam(station, hits, surface, to_viewer, weight);
-      add_mirrored_surfaces(station, rays, hits);
+      add_mirrored_surfaces(station, rays, hits, transmission);
     }
     if (compare) mixed_ |= differing(hits, hits.hit & ~lit, beam.inside);
     if (bounces_ == 0) {
@@ -604,7 +608,8 @@ class BlockRenderer {
   }
 
   // Adds what panes mirror into the camera: surfaces in the light of the projector and of the surroundings.
-  [[gnu::noinline]] void add_mirrored_surfaces(const Station& station, const RayPacket& rays, const HitPacket& hits) {
+  [[gnu::noinline]] void add_mirrored_surfaces(const Station& station, const RayPacket& rays, const HitPacket& hits,
+                                               const float* transmission) {
     std::vector<Panes::Crossing> crossings[kPacket];
     size_t most = 0;
     for (int i = 0; i < kPacket; ++i) {
@@ -614,7 +619,7 @@ class BlockRenderer {
       most = std::max(most, crossings[i].size());
     }
     alignas(64) float through[kPacket];
-    std::fill_n(through, kPacket, 1.0f);
+    std::copy_n(transmission, kPacket, through);
     for (size_t k = 0; k < most; ++k) {
       RayPacket mirrored;
       mirrored.coherent = false;

@@ -20,13 +20,16 @@ Camera::Camera(const RigModel& rig, const Effects& effects, uint64_t seed, doubl
   if (!effects.fixed_pattern) sensor_.prnu = sensor_.dsnu_electrons = sensor_.dark_current_electrons_s = 0;
   const double on_axis = photons_per_lux_s(rig) * sensor_.quantum_efficiency;
   const double exponent = effects.vignetting ? rig.camera_lens.vignetting : 0;
+  // What is blurred is light that has passed the lens.
+  if (blur_px_ > 0 && exponent != 0) vignetting_ = cv::Mat1f(response_.size(), 1.0f);
+  cv::Mat1f& vignetted = vignetting_.empty() ? response_ : vignetting_;
   for_each_row(response_.rows, [&](int row) {
     for (int col = 0; col < response_.cols; ++col) {
       response_(row, col) = static_cast<float>(on_axis);
       if (exponent == 0) continue;
       // A pixel without a ray sees nothing.
-      const double r2 = rig.camera.undistort({col, row}).squaredNorm();
-      if (!std::isnan(r2)) response_(row, col) *= static_cast<float>(std::pow(1 + r2, -exponent / 2));
+      const double transmission = lens_transmission(rig.camera.undistort({col, row}), exponent);
+      if (!std::isnan(transmission)) vignetted(row, col) *= static_cast<float>(transmission);
     }
   });
   if (sensor_.prnu == 0 && sensor_.dsnu_electrons == 0) return;
@@ -43,8 +46,9 @@ Camera::Camera(const RigModel& rig, const Effects& effects, uint64_t seed, doubl
 
 cv::Mat1f Camera::electrons_per_s(const cv::Mat1f& lux) const {
   cv::Mat1f image = lux;
+  if (!vignetting_.empty()) image = cv::Mat1f(image.mul(vignetting_));
   if (blur_px_ > 0)
-    image = filtered(lux, point_spread_half(blur_px_), FilterBorder::replicated, selected_instruction_set());
+    image = filtered(image, point_spread_half(blur_px_), FilterBorder::replicated, selected_instruction_set());
   return cv::Mat1f(image.mul(response_));
 }
 

@@ -25,7 +25,7 @@ struct Exposure {
 class Camera {
  public:
   // `seed` selects the sensor specimen, that is, the fixed pattern of PRNU and DSNU. `sampled_blur_px` is the part of the lens
-  // blur that the light already contains (SampleRays::blur_px).
+  // blur that the light already contains (SampleRays::blur_px), as it contains the vignetting within a pixel.
   Camera(const RigModel& rig, const Effects& effects, uint64_t seed, double sampled_blur_px);
 
   // Converts light, lux, to mean electrons per second, with the rest of the lens blur, vignetting and pixel response.
@@ -41,6 +41,7 @@ class Camera {
  private:
   SensorModel sensor_;
   double blur_px_ = 0;
+  cv::Mat1f vignetting_;      // relative to the axis; empty: 1, or contained in the response
   cv::Mat1f response_;        // electrons/(lux s), per pixel
   cv::Mat1f dark_electrons_;  // DSNU; empty if there is none
 };

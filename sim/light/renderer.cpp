@@ -36,16 +36,17 @@ std::shared_ptr<const Panes> panes_of(const Scene& scene, const Effects& effects
 struct RaysKey {
   Pinhole camera;
   int per_pixel;
-  double extent, blur_px;
+  double extent, blur_px, vignetting;
   bool operator==(const RaysKey&) const = default;
 };
 
 std::shared_ptr<const SampleRays> rays_of(const RigModel& rig, const Effects& effects, int per_pixel, double extent) {
   const double blur_px = effects.lens_blur ? rig.camera_lens.blur_px : 0;
+  const double vignetting = effects.vignetting ? rig.camera_lens.vignetting : 0;
   // The trials of studies and datasets usually have the same camera.
   static LastResult<RaysKey, std::shared_ptr<const SampleRays>> last;
-  return last.get({rig.camera, per_pixel, extent, blur_px}, [&] {
-    return std::make_shared<const SampleRays>(sample_rays(rig.camera, per_pixel, extent, blur_px));
+  return last.get({rig.camera, per_pixel, extent, blur_px, vignetting}, [&] {
+    return std::make_shared<const SampleRays>(sample_rays(rig.camera, per_pixel, extent, blur_px, vignetting));
   });
 }
 

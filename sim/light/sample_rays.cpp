@@ -119,7 +119,11 @@ std::vector<Eigen::Vector2d> pupil_offsets(const std::vector<Eigen::Vector2d>& i
 
 }  // namespace
 
-SampleRays sample_rays(const Pinhole& camera, int per_pixel, double extent, double blur_px) {
+double lens_transmission(const Eigen::Vector2d& ray, double vignetting) {
+  return std::pow(1 + ray.squaredNorm(), -vignetting / 2);
+}
+
+SampleRays sample_rays(const Pinhole& camera, int per_pixel, double extent, double blur_px, double vignetting) {
   std::vector<Eigen::Vector2d> offsets = sample_offsets(per_pixel);
   SampleRays rays;
   rays.per_pixel = per_pixel;
@@ -133,13 +137,20 @@ SampleRays sample_rays(const Pinhole& camera, int per_pixel, double extent, doub
   const auto pixels = static_cast<size_t>(camera.width) * static_cast<size_t>(camera.height);
   rays.centres.resize(pixels);
   rays.samples.resize(pixels * offsets.size());
+  if (vignetting != 0 && per_pixel > 1) rays.transmission.resize(rays.samples.size());
   for_each_row(camera.height, [&](int row) {
     for (int col = 0; col < camera.width; ++col) {
       const auto pixel = static_cast<size_t>(row * camera.width + col);
       const Eigen::Vector2d centre(col, row);
       rays.centres[pixel] = camera.undistort(centre);
-      for (size_t s = 0; s < offsets.size(); ++s)
-        rays.samples[pixel * offsets.size() + s] = camera.undistort(centre + offsets[s]);
+      for (size_t s = 0; s < offsets.size(); ++s) {
+        const size_t sample = pixel * offsets.size() + s;
+        rays.samples[sample] = camera.undistort(centre + offsets[s]);
+        if (rays.transmission.empty()) continue;
+        const double relative =
+            lens_transmission(rays.samples[sample], vignetting) / lens_transmission(rays.centres[pixel], vignetting);
+        rays.transmission[sample] = std::isnan(relative) ? 1 : static_cast<float>(relative);  // without a ray
+      }
     }
   });
   return rays;

@@ -95,6 +95,7 @@ TEST_P(Triangulated, SigmaIsTheSlopeOfDepthTimesThatOfTheColumn) {
   const DecodedStack decoded = seen_columns(plane(normal, normal.z()), rig_, {}, 0.03);
   DepthOptions phase_alone;
   phase_alone.footprint_noise = 0;
+  phase_alone.texture_correction = false;
   const Frame frame = reconstruct(decoded, rig_, phase_alone);
   const auto shifted = [&](float by_px) {
     DecodedStack moved = decoded;

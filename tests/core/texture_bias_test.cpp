@@ -134,9 +134,9 @@ TEST(TextureCorrection, ReturnsAPlaneBesideTexture) {
     for (int col = 0; col < exact.modulation.cols; ++col)
       exact.modulation(row, col) = static_cast<float>(0.01 * std::exp(kGrowth * col));
   }
-  DepthOptions on;
-  on.texture_correction = true;
-  const Frame truth = reconstruct(exact, rig, pixel_rays(rig.camera), {});
+  DepthOptions on, off;
+  on.texture_correction = true, off.texture_correction = false;
+  const Frame truth = reconstruct(exact, rig, pixel_rays(rig.camera), off);
   // Pupil 1 / (1 / image distance + 1 / focus) / f-number; the variance of a disc is a sixteenth of its squared diameter.
   const double image_m = rig.camera_lens.pixel_m * rig.camera.fx, pupil_m = 1 / (1 / image_m + 1 / 0.9) / 4;
   DecodedStack biased = exact;
@@ -151,7 +151,7 @@ TEST(TextureCorrection, ReturnsAPlaneBesideTexture) {
       biased.coordinate_px(row, col) += static_cast<float>(variance_px2 * kGrowth * slope);
     }
   }
-  const Frame uncorrected = reconstruct(biased, rig, pixel_rays(rig.camera), {}),
+  const Frame uncorrected = reconstruct(biased, rig, pixel_rays(rig.camera), off),
               corrected = reconstruct(biased, rig, pixel_rays(rig.camera), on);
   int compared = 0;
   for (int row = 2; row + 2 < truth.height(); ++row) {

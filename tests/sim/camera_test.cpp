@@ -98,6 +98,27 @@ TEST(SampleRays, SamplesContainTheBlurOfTheLens) {
   }
 }
 
+// The centroid of a pixel's light moves along the gradient of the lens's transmission by the variance of the samples.
+TEST(SampleRays, VignettingMovesTheCentroid) {
+  constexpr double kFocal_px = 400, kVignetting = 4, kBlur_px = 0.3;
+  const Pinhole camera{301, 3, kFocal_px, kFocal_px, 0, 1, {}};
+  const SampleRays rays = sample_rays(camera, 16, 1, kBlur_px, kVignetting);
+  for (const int col : {0, 100, 300}) {
+    const size_t pixel = 301 + static_cast<size_t>(col);
+    Eigen::Vector2d sum = Eigen::Vector2d::Zero();
+    double light = 0;
+    for (size_t s = 16 * pixel; s < 16 * (pixel + 1); ++s) {
+      sum += rays.transmission[s] * (rays.samples[s] - rays.centres[pixel]) * kFocal_px;
+      light += rays.transmission[s];
+    }
+    const double x = col / kFocal_px, variance = (1 - 1.0 / 256) / 12 + kBlur_px * kBlur_px;
+    EXPECT_NEAR(sum.x() / light, -variance * kVignetting * x / (1 + x * x) / kFocal_px, 2e-6) << col;
+    EXPECT_NEAR(sum.y() / light, 0, 2e-6) << col;
+    EXPECT_NEAR(light / 16, 1, 1e-5) << col;
+  }
+  EXPECT_TRUE(sample_rays(camera, 16, 1, kBlur_px).transmission.empty());
+}
+
 TEST(SampleRays, SingleAndFewSamplesLeaveBlurToTheImage) {
   const Pinhole camera{3, 3, 1, 1, 0, 0, {}};
   EXPECT_EQ(sample_rays(camera, 1, 1, 0.3).blur_px, 0);
