@@ -747,6 +747,7 @@ TEST(MicroCode, DistanceIsThatOfTheImages) {
   EXPECT_NEAR(found.distance, least, 0.02 * least);
   for (const int count : {3, 4, 6})
     EXPECT_GT(micro_code_distance(period, micro_periods(period, count, 1024), 1024).distance, 0.03 * count);
+  EXPECT_THROW(micro_periods(2, 4, 2000), Error);  // a thousand orders
 }
 
 TEST(MicroCode, ErrorsNameTheRemedy) {
