@@ -93,15 +93,17 @@ std::map<fs::path, std::string> SceneCopy::texts(const std::string& name) const 
   return texts;
 }
 
-// Copies a file, or the files of a folder and its subfolders; links are followed.
-void copy_files(const fs::path& from, const fs::path& to, int deepest = 32) {
+// Copies a file, or the files of a folder and its subfolders. Folders are followed, links to folders are not: they may form a loop.
+void copy_files(const fs::path& from, const fs::path& to) {
   std::error_code failed;
-  if (!fs::is_directory(from, failed)) return copy_input(from, to, kMostDataBytes);
-  if (deepest == 0) throw Error(from.string() + ": is nested too deeply; does a link lead to a folder above it?");
-  fs::create_directory(to, failed);
+  const fs::file_status status = fs::symlink_status(from, failed);
+  if (fs::is_symlink(status) && fs::is_directory(from, failed))
+    throw Error(from.string() + ": is a link to a folder, which is not copied; put the folder in its place");
+  if (!fs::is_directory(status)) return copy_input(from, to, kMostDataBytes);
+  if (!fs::create_directory(to, failed)) throw Error(to.string() + ": cannot be created: " + failed.message());
   fs::directory_iterator entry(from, failed);
   for (const fs::directory_iterator end; !failed && entry != end; entry.increment(failed))
-    copy_files(entry->path(), to / entry->path().filename(), deepest - 1);
+    copy_files(entry->path(), to / entry->path().filename());
   if (failed) throw Error(from.string() + ": cannot be copied: " + failed.message());
 }
 

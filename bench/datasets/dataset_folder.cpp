@@ -139,8 +139,39 @@ enum Column : size_t {
   kBytesColumn = 10
 };
 
-// A line of index.csv takes some 200 bytes.
-constexpr uint64_t kMostIndexBytes = 8192 * kMebibyte;
+constexpr const char* kRestore = "restore it from a copy, or write the dataset to another --out";
+
+// Calls take(line) for each line of a file, without its end; returns the checksum and size of the file.
+template <class Take>
+FileEntry for_each_line(const fs::path& file, const Take& take) {
+  const InputFile input(file, kMostDataBytes);
+  FileEntry entry{file.filename().string(), "", 0};
+  Sha256 sum;
+  std::string block(kMebibyte, '\0'), line;
+  for (size_t count; (count = input.read_at(entry.bytes, block.data(), block.size())) > 0; entry.bytes += count) {
+    sum.add({block.data(), count});
+    for (size_t begin = 0; begin < count;) {
+      const size_t end = std::min(block.find('\n', begin), count);
+      line.append(block, begin, end - begin);
+      if (line.size() > kMebibyte) throw Error(file.string() + ": is damaged; " + kRestore);
+      if (end < count) take(std::exchange(line, {}));
+      begin = end + 1;
+    }
+  }
+  if (!line.empty()) take(line);
+  entry.sha256 = sum.hex();
+  return entry;
+}
+
+std::string checksum(const fs::path& file) {
+  const InputFile input(file, kMostDataBytes);
+  Sha256 sum;
+  std::string block(kMebibyte, '\0');
+  size_t count = 0;
+  for (uint64_t at = 0; (count = input.read_at(at, block.data(), block.size())) > 0; at += count)
+    sum.add({block.data(), count});
+  return sum.hex();
+}
 
 Json about_of(const Spec& spec, const std::string& identity, const std::string& version, const std::vector<Tar>& tars) {
   Json about = {{"format", kFormat},
@@ -346,28 +377,29 @@ std::vector<FileEntry> DatasetFolder::recorded_tars(const Contents& found) const
   std::map<std::string, std::string> sums;
   std::istringstream in(read_input(folder_ / kSums));
   for (std::string sum, name; in >> sum >> name;) sums[name] = sum;
-  const std::string restore = "restore it from a copy, or write the dataset to another --out";
-  if (!sums.contains(kIndex)) throw Error((folder_ / kSums).string() + ": is damaged; " + restore);
+  const bool lists_all = sums.contains(kIndex) && std::all_of(found.tars.begin(), found.tars.end(),
+                                                              [&](const auto& tar) { return sums.contains(tar.name); });
+  if (!lists_all) throw Error((folder_ / kSums).string() + ": is damaged; " + kRestore);
   if (found.index.sha256 != sums[kIndex])
-    throw Error((folder_ / kIndex).string() + ": differs from its checksum in SHA256SUMS; " + restore);
+    throw Error((folder_ / kIndex).string() + ": differs from its checksum in SHA256SUMS; " + kRestore);
   std::vector<FileEntry> tars;
-  for (const FileEntry& indexed : found.tars) {
-    const fs::path file = folder_ / indexed.name;
-    if (!sums.contains(indexed.name)) throw Error((folder_ / kSums).string() + ": is damaged; " + restore);
-    if (const uint64_t bytes = InputFile(file, kMostDataBytes).size(); bytes != indexed.bytes)
-      throw Error(file.string() + ": has " + std::to_string(bytes) + " bytes, but " + std::to_string(indexed.bytes) +
-                  " were written; remove it and run the command again");
-    tars.push_back({indexed.name, sums[indexed.name], indexed.bytes});
-  }
   for (size_t tar = 0; tar < tars_.size(); ++tar) {
-    // Exists if the tar file was missing and has been written again.
-    const std::string record = read_bytes(index_of(tar));
-    const std::optional<FileEntry> again = tar_sums(record.substr(0, record.find('\n')));
-    if (again && again->sha256 != tars[tar].sha256)
-      throw Error(tar_file(tar).string() +
-                  ": was written again and differs from its checksum in SHA256SUMS: a file that "
-                  "the scenes use has changed; " +
-                  restore);
+    const FileEntry& indexed = found.tars[tar];
+    const fs::path file = folder_ / indexed.name;
+    std::error_code failed;
+    // A tar file that was missing has been written again, and has a record.
+    if (fs::exists(index_of(tar), failed)) {
+      if (checksum(file) != sums[indexed.name])
+        throw Error(file.string() +
+                    ": was written again and differs from its checksum in SHA256SUMS, because a file that "
+                    "the scenes use, or a library, has changed; " +
+                    kRestore);
+    } else if (const uint64_t bytes = fs::file_size(file, failed); failed || bytes != indexed.bytes) {
+      throw Error(file.string() + ": has " + (failed ? "no readable size" : std::to_string(bytes) + " bytes") +
+                  ", but " + std::to_string(indexed.bytes) +
+                  " bytes were written; remove it and run the command again");
+    }
+    tars.push_back({indexed.name, sums[indexed.name], indexed.bytes});
   }
   return tars;
 }
@@ -377,22 +409,15 @@ Contents DatasetFolder::contents() const {
   contents.program_version = version_;
   std::set<std::string> scenes, rigs;
   std::array<std::set<std::string>, kSplits.size()> worlds;
-  std::map<std::string, uint64_t> ends;  // of the last sample of a tar file
+  std::map<std::string, uint64_t> ends;  // by tar file: where its last sample ends
   for (const Tar& tar : tars_) ends[tar.name + ".tar"] = 0;
   std::error_code unknown;
-  if (!fs::exists(folder_ / kIndex, unknown))
-    throw Error((folder_ / kIndex).string() +
-                ": is missing; restore it from a copy, or write the dataset to another --out");
-  const std::string text = read_input(folder_ / kIndex, kMostIndexBytes);
-  std::istringstream index(text);
-  std::string line;
-  for (bool header = true; std::getline(index, line); header = false) {
-    if (header) continue;
+  if (!fs::exists(folder_ / kIndex, unknown)) throw Error((folder_ / kIndex).string() + ": is missing; " + kRestore);
+  bool is_header = true;
+  contents.index = for_each_line(folder_ / kIndex, [&](const std::string& line) {
+    if (std::exchange(is_header, false)) return;
     const std::vector<std::string> fields = csv_fields(line);
-    const auto damaged = [&] {
-      return Error((folder_ / kIndex).string() +
-                   ": is damaged; restore it from a copy, or write the dataset to another --out");
-    };
+    const auto damaged = [&] { return Error((folder_ / kIndex).string() + ": is damaged; " + kRestore); };
     if (fields.size() < kColumns.size()) throw damaged();
     const auto split =
         static_cast<size_t>(std::find(kSplits.begin(), kSplits.end(), fields[kSplitColumn]) - kSplits.begin());
@@ -404,8 +429,7 @@ Contents DatasetFolder::contents() const {
     worlds.at(split).insert(fields.at(kWorldColumn));
     scenes.insert(fields.at(kSceneColumn));
     rigs.insert(fields.at(kRigColumn));
-  }
-  contents.index = {kIndex, sha256_hex(text), text.size()};
+  });
   for (const Tar& tar : tars_) {
     const std::string name = tar.name + ".tar";
     contents.tars.push_back({name, "", ends[name] + kTarEnd});
@@ -424,11 +448,18 @@ bool DatasetFolder::finish() const {
     if (!has(tar)) return false;
   }
   // Written again even if complete: texts of the specification that are only quoted may have changed.
+  Contents found;
   const bool was_complete = complete();
+  if (was_complete) {
+    found = contents();
+    found.tars = recorded_tars(found);
+  }
   try {
-    const std::vector<FileEntry> written = was_complete ? std::vector<FileEntry>() : write_index();
-    Contents found = contents();
-    found.tars = was_complete ? recorded_tars(found) : written;
+    if (!was_complete) {
+      const std::vector<FileEntry> tars = write_index();
+      found = contents();
+      found.tars = tars;
+    }
     place(kDatasheet, datasheet(spec_, found));
     place(kMetadata, croissant(spec_, found).dump(1) + "\n");
     std::string sums;
@@ -439,10 +470,7 @@ bool DatasetFolder::finish() const {
     }
     place(kSums, sums);
   } catch (const std::exception&) {
-    std::error_code not_empty;
-    if (was_complete) fs::remove(folder_ / kParts, not_empty);
-    // Otherwise another process has finished the dataset meanwhile and removed the parts.
-    if (was_complete || !complete()) throw;
+    if (!complete()) throw;  // otherwise another process has finished the dataset and removed the parts
   }
   std::error_code ignored;
   fs::remove_all(folder_ / kParts, ignored);

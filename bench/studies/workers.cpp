@@ -11,6 +11,7 @@
 
 #include <algorithm>
 #include <chrono>
+#include <csignal>
 #include <cstring>
 #include <exception>
 #include <iostream>
@@ -202,6 +203,7 @@ WorkersReport run_trials(const Study& study, const std::vector<int>& trials, con
 }
 
 void work(int tasks, const std::function<std::string(int)>& answer) {
+  std::signal(SIGBUS, SIG_DFL);  // a worker that dies costs one trial, unlike one that reports an error
   for (int task = 0; std::cin >> task;) {
     if (task < 0 || task >= tasks) throw Error("worker: there is no trial " + std::to_string(task));
     const std::string line = answer(task) + "\n";

@@ -81,7 +81,8 @@ bool is_marked(const fs::path& folder) {
 // Throws Error for a link to nothing, which would be replaced instead of followed.
 void refuse_dangling(const fs::path& file) {
   std::error_code failed;
-  if (fs::is_symlink(file, failed) && !fs::exists(file, failed))
+  struct stat status {};
+  if (fs::is_symlink(file, failed) && stat(file.c_str(), &status) != 0 && errno == ENOENT)
     throw Error(file.string() + ": is a link to a file that does not exist; remove the link or create the file");
 }
 
@@ -208,9 +209,9 @@ int write_all(int descriptor, std::string_view bytes) {
   return 0;
 }
 
-// Opens a pipe for writing. Opening one without a reader waits, for ever if none comes.
+// Opens a pipe for writing. Waits two seconds for its reader, unlike open(), which waits for ever.
 int open_pipe(const fs::path& pipe) {
-  constexpr int kAttempts = 50;
+  constexpr int kAttempts = 20;
   constexpr useconds_t kPause_us = 100'000;
   for (int attempt = 1;; ++attempt) {
     const int out = uninterrupted([&] { return open(pipe.c_str(), O_WRONLY | O_NONBLOCK | O_CLOEXEC); });
@@ -257,7 +258,8 @@ std::vector<std::string> files_below(const fs::path& folder) {
   std::error_code failed;
   for (fs::recursive_directory_iterator entry(folder, failed), end; entry != end; entry.increment(failed)) {
     if (failed) break;
-    if (entry->symlink_status().type() == fs::file_type::directory) continue;
+    std::error_code unknown;
+    if (entry->symlink_status(unknown).type() == fs::file_type::directory) continue;
     names.push_back(entry->path().lexically_relative(folder).generic_string());
   }
   if (failed) throw Error(folder.string() + ": cannot be listed: " + failed.message());
@@ -347,20 +349,22 @@ void carry_over(const fs::path& old_folder, const fs::path& next, const std::vec
   }
 }
 
-// Gives the folders that the old result did not write their permissions in `next`, where they are created if they are empty.
+// Creates the folders that the old result did not write in `next`, as carry_over() names them, with their permissions.
 void carry_folders_over(const fs::path& old_folder, const fs::path& next) {
   const Written old = written(old_folder);
   if (!old.files) return;
   std::error_code failed;
   for (fs::recursive_directory_iterator entry(old_folder, failed), end; !failed && entry != end;
        entry.increment(failed)) {
-    if (entry->symlink_status().type() != fs::file_type::directory) continue;
+    std::error_code unknown;
+    if (entry->symlink_status(unknown).type() != fs::file_type::directory) continue;
     const std::string name = entry->path().lexically_relative(old_folder).generic_string() + "/";
     const auto first = old.files->lower_bound(name);
     if (first != old.files->end() && first->starts_with(name)) continue;
+    const fs::path place = place_in(next, name + kPartialMarker).parent_path();
     std::error_code ignored;
-    fs::create_directories(next / name, ignored);
-    fs::permissions(next / name, entry->status().permissions(), ignored);
+    fs::create_directories(place, ignored);
+    fs::permissions(place, entry->status(unknown).permissions(), ignored);
   }
 }
 
@@ -575,31 +579,33 @@ void StagedFolder::commit() {
     write_directly(staging_ / kMarkerFile, target_ / kMarkerFile, text);
   }
   std::set<std::string> carried_over;
-  bool synced = false, replaces = false;
-  int error = 0;
-  // Another process may create or remove the target meanwhile.
-  constexpr int kAttempts = 10;
-  for (int attempt = 0; attempt < kAttempts; ++attempt) {
-    try {
+  bool is_on_disk = false, replaces = false;
+  try {
+    int error = 0;
+    // Another process may create or remove the target meanwhile.
+    constexpr int kAttempts = 10;
+    for (int attempt = 0; attempt < kAttempts; ++attempt) {
       check_replaceable(target_, kind_);
       replaces = is_there(target_);
+      if (!is_on_disk) sync_folder(staging_);
+      is_on_disk = true;
       if (replaces) {
         carry_over(target_, staging_, preserved_, target_, carried_over);
         carry_folders_over(target_, staging_);
       }
-    } catch (const Error& e) {
-      // The work is done, and what is in its way may be anything.
-      throw Error(std::string(e.what()) + "; the new result is complete in " +
-                  (partial_->keep() / target_.filename()).string());
+      error = rename_as(staging_, target_, replaces ? RENAME_EXCHANGE : RENAME_NOREPLACE);
+      if (error == EINVAL || error == ENOSYS || error == EOPNOTSUPP)
+        error = replaces ? replace_in_two_steps(staging_, target_, partial_->path() / kReplaced)
+                         : rename_as(staging_, target_, 0);
+      if (error != EEXIST && error != ENOENT) break;
     }
-    if (!std::exchange(synced, true)) sync_folder(staging_);
-    error = rename_as(staging_, target_, replaces ? RENAME_EXCHANGE : RENAME_NOREPLACE);
-    if (error == EINVAL || error == ENOSYS || error == EOPNOTSUPP)
-      error = replaces ? replace_in_two_steps(staging_, target_, partial_->path() / kReplaced)
-                       : rename_as(staging_, target_, 0);
-    if (error != EEXIST && error != ENOENT) break;
+    if (error != 0) throw cannot(target_, "moved into place", error);
+  } catch (const std::exception& e) {
+    // The work is done. What stands in its way may be anything.
+    if (!is_on_disk && !is_there(target_)) throw;
+    throw Error(std::string(e.what()) + "; the new result is complete in " +
+                (partial_->keep() / target_.filename()).string());
   }
-  if (error != 0) throw cannot(target_, "moved into place", error);
   // Files that arrived after the first pass.
   if (replaces) {
     const fs::path old = is_there(staging_) ? staging_ : partial_->path() / kReplaced;

@@ -601,8 +601,8 @@ void YamlMap::set(const std::string& path, const std::string& value, const std::
   YAML::Node at;
   at.reset(node_->yaml);
   if (static_cast<size_t>(std::count(path.begin(), path.end(), '.')) >= kDeepestYaml)
-    throw Error((place.empty() ? node_->file : place) + ": a key path has more than " + std::to_string(kDeepestYaml) +
-                " parts");
+    throw Error((place.empty() ? node_->file : place) + ": the key path " + path.substr(0, 40) + "... has more than " +
+                std::to_string(kDeepestYaml) + " parts");
   size_t begin = 0;
   while (true) {
     const size_t end = std::min(path.find('.', begin), path.size());

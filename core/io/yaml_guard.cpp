@@ -16,18 +16,23 @@ namespace {
 constexpr size_t kMostNodes = 1000000;
 constexpr size_t kMostKeys = 1000;  // per map; keys are searched linearly
 
-std::string too_deep() { return "more than " + std::to_string(kDeepestYaml) + " nested maps and lists"; }
-
-// Refuses brackets that are opened and not closed, thousands of times: the parser reads all that follows a bracket on its line
-// before it reports the first, in memory of 200 times its size. Brackets in texts and comments count, too, but not that many.
-void check_brackets(const std::string& text, const std::string& name) {
+// Refuses flow collections, [...] and {...}, that no file within the limits has. The parser reads a collection to its end before it
+// reports its beginning, in memory of some 200 times its size. Brackets and commas in texts and comments count, too, but the limits are
+// far above their number.
+void check_flow_collections(const std::string& text, const std::string& name) {
   constexpr size_t kMostOpen = 10000;
-  size_t open = 0, line = 1;
+  size_t open = 0, commas = 0, line = 1;
+  const auto refuse = [&](const std::string& message) {
+    throw Error(name + ":" + std::to_string(line) + ": " + message);
+  };
   for (const char c : text) {
     line += c == '\n';
     if (c == '[' || c == '{') ++open;
     if ((c == ']' || c == '}') && open > 0) --open;
-    if (open > kMostOpen) throw Error(name + ":" + std::to_string(line) + ": " + too_deep());
+    if (open == 0) commas = 0;
+    if (c == ',') ++commas;
+    if (open > kMostOpen) refuse("more than " + std::to_string(kMostOpen) + " brackets are open; close or quote them");
+    if (commas > kMostNodes) refuse("more than " + std::to_string(kMostNodes) + " values between two brackets");
   }
 }
 
@@ -76,7 +81,8 @@ class Guard : public YAML::EventHandler {
   }
   void open(const YAML::Mark& mark, YAML::anchor_t anchor, bool map) {
     add(mark, anchor);
-    if (open_.size() == kDeepestYaml) refuse(mark, too_deep());
+    if (open_.size() == kDeepestYaml)
+      refuse(mark, "more than " + std::to_string(kDeepestYaml) + " nested maps and lists");
     open_.push_back({map});
   }
 
@@ -90,7 +96,7 @@ class Guard : public YAML::EventHandler {
 void check_yaml(const std::string& text, const std::string& name) {
   if (text.size() > kMostYamlBytes)
     throw Error(name + ": is larger than " + std::to_string(kMostYamlBytes >> 20) + " MiB, the limit for YAML files");
-  check_brackets(text, name);
+  check_flow_collections(text, name);
   std::istringstream stream(text);
   YAML::Parser parser(stream);
   Guard guard(name);

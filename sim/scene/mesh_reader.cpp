@@ -102,19 +102,22 @@ SourceFormat format_of(const aiScene& scene) {
   return SourceFormat::other;
 }
 
-// Returns the file that a mesh names, which in glTF is a URI.
-std::string named_file(const char* name) {
+// Returns the file that a mesh names, which in glTF is a URI; `folder` is that of the mesh, by which assimp extends the name.
+std::string named_file(const std::string& name, const std::string& folder) {
   std::error_code unknown;
-  if (std::filesystem::exists(name, unknown)) return name;
-  std::string decoded = percent_decoded(name);
+  if (std::filesystem::exists(name, unknown) || !name.starts_with(folder)) return name;
+  std::string decoded = folder + percent_decoded(name.substr(folder.size()));
   return std::filesystem::exists(decoded, unknown) ? decoded : name;
 }
 
-// True for formats of lines of text, whose first word assimp does not recognize behind a byte order mark.
-bool is_text_format(const std::string& file) {
-  const std::string extension = lower_extension(file);
-  return extension == ".obj" || extension == ".mtl" || extension == ".ply" || extension == ".stl" ||
-         extension == ".off";
+// True for a text file behind a byte order mark, which assimp does not expect. Binary files can begin with the same bytes.
+bool has_byte_order_mark(std::string_view bytes, const std::string& extension) {
+  constexpr std::string_view kMark = "\xEF\xBB\xBF";
+  if (!bytes.starts_with(kMark)) return false;
+  bytes.remove_prefix(kMark.size());
+  if (extension == ".ply") return bytes.starts_with("ply");
+  if (extension == ".stl") return bytes.starts_with("solid");
+  return extension == ".obj" || extension == ".mtl" || extension == ".off";
 }
 
 // Adds the zeros that numbers such as .5 lack in the vertices of a Wavefront file: assimp does not count these as numbers.
@@ -136,20 +139,21 @@ std::string with_leading_zeros(const std::string& text) {
 // Gives assimp the content of regular files and nothing else. Remembers these files, and a file that has to be refused.
 class BoundedFiles : public Assimp::IOSystem {
  public:
+  explicit BoundedFiles(const std::filesystem::path& mesh)
+      : folder_(mesh.has_parent_path() ? (mesh.parent_path() / "").string() : "") {}
   bool Exists(const char* file) const override {
     std::error_code unknown;
-    return std::filesystem::exists(named_file(file), unknown);
+    return std::filesystem::exists(named_file(file, folder_), unknown);
   }
   char getOsSeparator() const override { return '/'; }
   Assimp::IOStream* Open(const char* name, const char* mode) override {
-    constexpr std::string_view kByteOrderMark = "\xEF\xBB\xBF";
     std::error_code unknown;
-    const std::string file = named_file(name);
+    const std::string file = named_file(name, folder_), extension = lower_extension(file);
     if (std::strpbrk(mode, "wa+") || !std::filesystem::exists(file, unknown)) return nullptr;
     try {
       std::string bytes = read_input(file, kMostMeshBytes);
-      if (bytes.starts_with(kByteOrderMark) && is_text_format(file)) bytes.erase(0, kByteOrderMark.size());
-      if (lower_extension(file) == ".obj") bytes = with_leading_zeros(bytes);
+      if (has_byte_order_mark(bytes, extension)) bytes.erase(0, 3);
+      if (extension == ".obj") bytes = with_leading_zeros(bytes);
       auto copy = std::make_unique<uint8_t[]>(bytes.size());
       std::memcpy(copy.get(), bytes.data(), bytes.size());
       opened_.insert(file);
@@ -164,7 +168,7 @@ class BoundedFiles : public Assimp::IOSystem {
   const std::set<std::string>& opened() const { return opened_; }
 
  private:
-  std::string refused_;
+  std::string folder_, refused_;
   std::set<std::string> opened_;
 };
 
@@ -183,7 +187,7 @@ double unit_of(const aiScene& scene, SourceFormat format) {
 // Returns 'm' and the packed model, 'e' and assimp's error message, or 'r' and the message about a refused file.
 std::string answer(const std::filesystem::path& file) {
   Assimp::Importer importer;
-  auto* files = new BoundedFiles;
+  auto* files = new BoundedFiles(file);
   importer.SetIOHandler(files);  // which then belongs to it
   importer.SetPropertyInteger(AI_CONFIG_PP_SBP_REMOVE, aiPrimitiveType_POINT | aiPrimitiveType_LINE);
   importer.SetPropertyBool(AI_CONFIG_IMPORT_COLLADA_USE_COLLADA_NAMES, true);

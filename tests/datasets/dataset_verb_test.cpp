@@ -45,6 +45,14 @@ class DatasetVerb : public testing::Test {
     }
     return files;
   }
+  // The same without pipes, which cannot be read, and without the folder of parts.
+  std::map<std::string, std::string> readable(const std::string& folder) const {
+    std::map<std::string, std::string> files;
+    for (const std::string& name : test::listing(temp_ / folder)) {
+      if (fs::is_regular_file(temp_ / folder / name)) files[name] = sha256_hex(test::read_bytes(temp_ / folder / name));
+    }
+    return files;
+  }
   // Starts a run and returns its process id.
   pid_t started(const std::string& file, const std::string& out, const std::string& shard) const {
     const std::string folder = at(out);
@@ -179,8 +187,9 @@ TEST_F(DatasetVerb, DamageToACompleteDatasetIsReportedAndNothingIsReplaced) {
   };
   const std::vector<Damage> damages = {
       {"no_index", [](const fs::path& at) { fs::remove(at / "index.csv"); }, "index.csv: is missing; restore it"},
-      {"index_cut", [&](const fs::path& at) { test::write_bytes(at / "index.csv", index.substr(0, index.rfind("0"))); },
-       "index.csv: "},
+      {"index_cut",
+       [&](const fs::path& at) { test::write_bytes(at / "index.csv", index.substr(0, index.rfind("train-"))); },
+       "index.csv: is damaged; restore it"},
       {"sample_lost",
        [&](const fs::path& at) {
          test::write_bytes(at / "index.csv", index.substr(0, index.rfind('\n', index.size() - 2) + 1));
@@ -195,13 +204,26 @@ TEST_F(DatasetVerb, DamageToACompleteDatasetIsReportedAndNothingIsReplaced) {
   for (const Damage& damage : damages) {
     fs::copy(temp_ / "whole", temp_ / damage.name, fs::copy_options::recursive);
     damage.make(temp_ / damage.name);
+    const auto before = readable(damage.name);
     const auto result = run_program({"--quiet", "dataset", file, "--out", at(damage.name), "--jobs", "1"});
     EXPECT_EQ(result.exit_code, 2) << damage.name;
     EXPECT_THAT(result.err, HasSubstr(damage.message)) << damage.name;
     EXPECT_EQ(std::count(result.err.begin(), result.err.end(), '\n'), 1) << result.err;
-    EXPECT_EQ(test::read_bytes(temp_ / damage.name / "README.md"), test::read_bytes(temp_ / "whole/README.md"));
+    EXPECT_EQ(readable(damage.name), before) << damage.name;
   }
-  // The remedy that the message names.
+  // A file that was written again and differs is refused until it is restored.
+  fs::copy(temp_ / "whole", temp_ / "changed", fs::copy_options::recursive);
+  test::write_bytes(temp_ / "changed/parts/train-000000.jsonl", "{}\n");
+  std::string bytes = test::read_bytes(temp_ / "whole/train-000000.tar");
+  bytes[1000] = static_cast<char>(~bytes[1000]);
+  test::write_bytes(temp_ / "changed/train-000000.tar", bytes);
+  EXPECT_THAT(run_program({"--quiet", "dataset", file, "--out", at("changed"), "--jobs", "1"}).err,
+              HasSubstr("train-000000.tar: was written again and differs from its checksum"));
+  fs::copy_file(temp_ / "whole/train-000000.tar", temp_ / "changed/train-000000.tar",
+                fs::copy_options::overwrite_existing);
+  rendered(file, "changed");
+  EXPECT_EQ(contents("changed"), expected);
+  // The remedy of the message about a file that was cut off.
   fs::remove(temp_ / "tar_cut/train-000000.tar");
   EXPECT_EQ(rendered(file, "tar_cut")["samples"], 4);
   EXPECT_EQ(contents("tar_cut"), expected);

@@ -28,6 +28,9 @@ RawModel read_model(const std::filesystem::path& file, double, double) {
   }
 }
 
+// The name of an overloaded function has no address: fails to compile if the library's function gets other parameters.
+[[maybe_unused]] constexpr auto* kReadModel = &read_model;
+
 namespace {
 
 using fuzz::require;

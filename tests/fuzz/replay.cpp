@@ -3,16 +3,21 @@
 // same in every run. Fails like the target: by a signal.
 //
 // TARGET FOLDER COUNT
+#include <unistd.h>
+
 #include <algorithm>
 #include <charconv>
+#include <csignal>
 #include <cstdint>
 #include <cstdio>
 #include <cstring>
 #include <filesystem>
 #include <fstream>
 #include <iterator>
+#include <memory>
 #include <random>
 #include <set>
+#include <string>
 #include <vector>
 
 extern "C" {
@@ -32,6 +37,21 @@ std::minstd_rand& generator() {
 }
 
 size_t below(size_t end) { return generator()() % end; }
+
+char current_input[512];  // description, for the message when the target fails
+
+extern "C" void report_input(int signal) {
+  (void)!write(2, current_input, std::strlen(current_input));
+  std::signal(signal, SIG_DFL);
+  std::raise(signal);
+}
+
+void run(const std::vector<uint8_t>& seed, size_t size) {
+  // A block of its size, so that sanitizers see what is read beyond it.
+  const auto input = std::make_unique<uint8_t[]>(size);
+  std::copy_n(seed.begin(), size, input.get());
+  LLVMFuzzerTestOneInput(input.get(), size);
+}
 
 }  // namespace
 
@@ -65,12 +85,16 @@ int main(int argc, char** argv) {
     std::fprintf(stderr, "give a folder of inputs and a number of mutations\n");
     return 2;
   }
+  for (const int signal : {SIGABRT, SIGSEGV, SIGBUS, SIGFPE, SIGILL}) std::signal(signal, report_input);
   std::vector<std::vector<uint8_t>> seeds;
+  std::vector<std::string> names;
   const std::filesystem::directory_iterator entries(argv[1]);
   for (const std::filesystem::path& file : std::set<std::filesystem::path>(begin(entries), end(entries))) {
     std::ifstream in(file, std::ios::binary);
     seeds.emplace_back(std::istreambuf_iterator<char>(in), std::istreambuf_iterator<char>());
-    LLVMFuzzerTestOneInput(seeds.back().data(), seeds.back().size());
+    names.push_back(file.filename().string());
+    std::snprintf(current_input, sizeof current_input, "replay: failed on the seed %s\n", names.back().c_str());
+    run(seeds.back(), seeds.back().size());
   }
   if (seeds.empty()) {
     std::fprintf(stderr, "%s: contains no inputs\n", argv[1]);
@@ -85,7 +109,9 @@ int main(int argc, char** argv) {
       size = LLVMFuzzerCustomMutator ? LLVMFuzzerCustomMutator(input.data(), size, kMostBytes, seed)
                                      : LLVMFuzzerMutate(input.data(), size, kMostBytes);
     }
-    LLVMFuzzerTestOneInput(input.data(), size);
+    std::snprintf(current_input, sizeof current_input, "replay: failed on mutation %zu, of the seed %s\n", i + 1,
+                  names[i % seeds.size()].c_str());
+    run(input, size);
   }
   std::printf("%zu inputs and %zu mutations\n", seeds.size(), count);
   return 0;

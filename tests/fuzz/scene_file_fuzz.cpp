@@ -44,6 +44,11 @@ std::vector<double> drifts_m(const std::vector<Body>& bodies, const DropArea&, c
   return std::vector<double>(bodies.size());
 }
 
+// Names of overloaded functions have no address: these fail to compile if the library's functions get other parameters.
+[[maybe_unused]] constexpr auto* kReadModel = &read_model;
+[[maybe_unused]] constexpr auto* kSettle = &settle;
+[[maybe_unused]] constexpr auto* kDrifts = &drifts_m;
+
 namespace {
 
 // Provides the files that a scene file may name: rigs next to its folder, files of other kinds in it.

@@ -2,12 +2,14 @@
 // Folders are written completely or not at all, and the same content gives the same bytes.
 #include "core/io/files.h"
 
+#include <fcntl.h>
 #include <gmock/gmock.h>
 #include <signal.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
+#include <atomic>
 #include <chrono>
 #include <opencv2/core.hpp>
 #include <thread>
@@ -301,12 +303,14 @@ TEST(StagedFolder, DoesNotReplaceAForeignFolderThatAppearsMeanwhile) {
   EXPECT_TRUE(exists(kept / kFile)) << "later processes leave it alone";
 }
 
-// Folders that have the names of new files, and files that have those of new folders.
+// A user's folder may have the name of a new file, and a user's file that of a new folder.
 TEST(StagedFolder, KeepsWhatIsInTheWay) {
   const test::TempFolder temp;
   write_ours(temp / "out", "old");
   test::write_bytes(temp / "out/map.ply/a/notes.txt", "precious");
   test::write_bytes(temp / "out/map.ply/b.txt", "precious too");
+  test::fs::create_directory(temp / "out/map.ply/empty");
+  test::fs::permissions(temp / "out/map.ply", test::fs::perms::owner_all);
   test::write_bytes(temp / "out/frames", "by the user");
   for (const std::string content : {"new", "newer"}) {
     StagedFolder staged(temp / "out", kKind);
@@ -314,10 +318,11 @@ TEST(StagedFolder, KeepsWhatIsInTheWay) {
     write_text(staged.path() / "map.ply", content);
     test::write_bytes(staged.path() / "frames/0.png", content);
     staged.commit();
-    EXPECT_EQ(
-        test::listing(temp / "out"),
-        (std::set<std::string>{".fringeslam", "config.yaml", "frames", "frames/0.png", "frames.kept", "map.ply",
-                               "map.ply.kept", "map.ply.kept/a", "map.ply.kept/a/notes.txt", "map.ply.kept/b.txt"}));
+    EXPECT_EQ(test::listing(temp / "out"),
+              (std::set<std::string>{".fringeslam", "config.yaml", "frames", "frames/0.png", "frames.kept", "map.ply",
+                                     "map.ply.kept", "map.ply.kept/a", "map.ply.kept/a/notes.txt", "map.ply.kept/b.txt",
+                                     "map.ply.kept/empty"}));
+    EXPECT_EQ(test::fs::status(temp / "out/map.ply.kept").permissions(), test::fs::perms::owner_all);
     EXPECT_EQ(test::read_bytes(temp / "out/map.ply"), content);
     EXPECT_EQ(test::read_bytes(temp / "out/map.ply.kept/a/notes.txt"), "precious");
     EXPECT_EQ(test::read_bytes(temp / "out/frames.kept"), "by the user");
@@ -339,10 +344,24 @@ TEST(Files, PipesAreWrittenIfTheyAreRead) {
   ASSERT_EQ(mkfifo(pipe.c_str(), 0600), 0);
   EXPECT_THAT(message_of([&] { write_text(pipe, "a"); }), testing::HasSubstr("is a pipe that no program reads"));
   const std::string content(300000, 'x');  // more than a pipe holds
+  const int reading = open(pipe.c_str(), O_RDONLY | O_NONBLOCK);
+  ASSERT_GE(reading, 0);
   std::string read;
-  std::thread reader([&] { read = test::read_bytes(pipe); });
-  write_text(pipe, content);
+  std::atomic<bool> written = false;
+  std::thread reader([&] {
+    std::string block(4096, '\0');
+    for (;;) {
+      const bool last = written;
+      const ssize_t count = ::read(reading, block.data(), block.size());
+      if (count > 0) read.append(block, 0, static_cast<size_t>(count));
+      if (count <= 0 && last) break;
+      if (count <= 0) std::this_thread::sleep_for(std::chrono::milliseconds(1));
+    }
+  });
+  EXPECT_NO_THROW(write_text(pipe, content));
+  written = true;
   reader.join();
+  close(reading);
   EXPECT_EQ(read, content);
 }
 

@@ -141,12 +141,16 @@ TEST(Yaml, WhatIsBeyondMeasureIsRefused) {
     EXPECT_THAT(message_of([&] { YamlMap::parse(text, "f.yaml"); }),
                 AllOf(StartsWith("f.yaml:" + std::to_string(line) + ": "), HasSubstr(says)));
   };
-  refused("a:\n  " + std::string(100000, '['), 2, "more than 64 nested maps and lists");
-  refused("a:\n  " + std::string(15 << 20, '{'), 2, "more than 64 nested maps and lists");
+  refused("a:\n  " + std::string(1000, '['), 2, "more than 64 nested maps and lists");
+  refused("a:\n  " + std::string(15 << 20, '{'), 2, "more than 10000 brackets are open");
+  std::string flat = "a:\n  {";
+  for (int i = 0; i < 7 << 20; ++i) flat += "a,";
+  refused(flat, 2, "more than 1000000 values between two brackets");
   std::string path = "a";
   for (int i = 0; i < 5000; ++i) path += ".a";
   YamlMap map = YamlMap::parse("b: 1\n", "f.yaml");
-  EXPECT_EQ(message_of([&] { map.set(path, "1"); }), "f.yaml: a key path has more than 64 parts");
+  EXPECT_EQ(message_of([&] { map.set(path, "1"); }),
+            "f.yaml: the key path " + path.substr(0, 40) + "... has more than 64 parts");
   refused("a: 1\nb: &b [1, 2]\nc: 3\n", 2, "anchors and aliases (&name, *name) are not supported");
   refused("a: 1\n--- # the next\nb: 2\n", 2, "a second document");
   std::string list = "a: [";

@@ -17,6 +17,7 @@
 #include "sim/scene/data_folder.h"
 #include "tools/authoring/file_stamp.h"
 #include "tools/authoring/mesh_scene.h"
+#include "tools/process.h"
 #include "tools/report/report_page.h"
 #include "tools/shell.h"
 #include "tools/source.h"
@@ -248,7 +249,7 @@ PageAnswer GalleryPage::create(const PageRequest& request) {
     const std::lock_guard lock(mutex_);
     scenes_ = list_scenes(folder_);
   } catch (const std::exception& failure) {
-    error = failure.what();
+    error = message_of(failure);
   }
   changed_.notify_all();
   return json_answer({{"name", name}, {"error", error}});

@@ -32,22 +32,19 @@ std::string numbers(const Eigen::Vector3d& values) {
   return "[" + text(values.x()) + ", " + text(values.y()) + ", " + text(values.z()) + "]";
 }
 
-// Calls a function that reads the copy of a mesh. Messages name the mesh, since the copy is gone when they are read.
-template <class Read>
-auto reading_copy(const fs::path& copy, const std::string& mesh, const Read& read) {
-  try {
-    return read();
-  } catch (const Error& failure) {
-    std::string text = failure.what();
-    const std::string own = copy.string();
-    for (size_t at = 0; (at = text.find(own, at)) != std::string::npos; at += mesh.size())
-      text.replace(at, own.size(), mesh);
-    throw Error(text);
-  }
+std::string replaced_all(std::string text, const std::string& old, const std::string& with) {
+  for (size_t at = 0; (at = text.find(old, at)) != std::string::npos; at += with.size())
+    text.replace(at, old.size(), with);
+  return text;
 }
 
+// Imports the copy of a mesh. Messages name the mesh, since the copy is gone when they are read.
 sim::MeshImport imported_copy(const fs::path& copy, const std::string& mesh) {
-  return reading_copy(copy, mesh, [&] { return sim::import_mesh(copy); });
+  try {
+    return sim::import_mesh(copy);
+  } catch (const Error& failure) {
+    throw Error(replaced_all(failure.what(), copy.string(), mesh));
+  }
 }
 
 bool lacks_texture(const sim::ImportedPart& part) {
@@ -141,7 +138,8 @@ void create_mesh_scene(const fs::path& mesh, const fs::path& folder,
   const Eigen::Vector3d size = shown.high - shown.low, middle = 0.5 * (shown.low + shown.high);
   const std::string rig = size.head<2>().maxCoeff() <= kThesisField_m ? "thesis" : "wide";
   fs::copy_file(data / "scenes" / "rigs" / (rig + ".yaml"), staged.path() / kRigFile);
-  const double floor_m = std::max(1.0, 4 * size.head<2>().maxCoeff());
+  constexpr double kLargestFloor_m = 100;
+  const double floor_m = std::clamp(4 * size.head<2>().maxCoeff(), 1.0, kLargestFloor_m);
   const std::string name = folder.filename().string();
   const double height_m = size.z() / 2 + kRange_m * std::sin(kElevation), radius_m = kRange_m * std::cos(kElevation);
   write_text(staged.path() / sim::kSceneFile,
@@ -157,13 +155,10 @@ void create_mesh_scene(const fs::path& mesh, const fs::path& folder,
                  (is_plain ? "  plain: {albedo: 0.5}\n" : "") +
                  "objects:\n"
                  "  - {shape: plane, size_m: [" +
-                 to_text(floor_m) + ", " + to_text(floor_m) +
-                 "], material: floor}\n"
-                 "  # Without `material`, the mesh has the colors" +
-                 (is_plain ? " and textures" : "") +
-                 " of its file.\n"
-                 "  - {shape: mesh, file: " +
-                 yaml_quoted(file) + shown.unit + (is_plain ? ", material: plain" : "") +
+                 to_text(floor_m) + ", " + to_text(floor_m) + "], material: floor}\n" +
+                 (is_plain ? "  # Put the mesh's textures beside it, and remove `material` to use them.\n"
+                           : "  # Without `material`, the mesh has the colors and textures of its file.\n") +
+                 "  - {shape: mesh, file: " + yaml_quoted(file) + shown.unit + (is_plain ? ", material: plain" : "") +
                  ", pose: {translation_m: " + numbers({-middle.x(), -middle.y(), -shown.low.z()}) +
                  "}}\n"
                  "trajectory:\n"
@@ -172,8 +167,13 @@ void create_mesh_scene(const fs::path& mesh, const fs::path& folder,
                  ", height_m: " + to_text(std::round(1e3 * height_m) / 1e3) +
                  ", from_deg: 0, to_deg: 60, count: 7}\n"
                  "  interval_s: 0.5\n");
-  // A mesh can be readable and yet more than a scene may have.
-  reading_copy(staged.path() / file, mesh.string(), [&] { return sim::load_scene(staged.path() / sim::kSceneFile); });
+  // A mesh that can be read can still have more triangles than a scene may have, or a texture that cannot be read.
+  try {
+    (void)sim::load_scene(staged.path() / sim::kSceneFile);
+  } catch (const Error& failure) {
+    throw Error(mesh.string() +
+                ": makes no valid scene: " + replaced_all(failure.what(), (staged.path() / "").string(), ""));
+  }
   staged.commit();
 }
 

@@ -28,7 +28,7 @@ std::vector<ListedScene> list_scenes(const fs::path& folder) {
   std::vector<ListedScene> scenes;
   for (const auto& entry : fs::directory_iterator(folder)) {
     const fs::path file = entry.path() / sim::kSceneFile;
-    std::error_code unknown;  // such as of a folder that may not be read
+    std::error_code unknown;  // a folder that may not be read counts as none
     if (fs::exists(file, unknown)) scenes.push_back({entry.path(), description_of(file)});
   }
   if (scenes.empty()) throw Error(folder.string() + ": contains no folder with a scene.yaml");
