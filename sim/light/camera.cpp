@@ -20,7 +20,7 @@ Camera::Camera(const RigModel& rig, const Effects& effects, uint64_t seed, doubl
   if (!effects.fixed_pattern) sensor_.prnu = sensor_.dsnu_electrons = sensor_.dark_current_electrons_s = 0;
   const double on_axis = photons_per_lux_s(rig) * sensor_.quantum_efficiency;
   const double exponent = effects.vignetting ? rig.camera_lens.vignetting : 0;
-  // What is blurred is light that has passed the lens.
+  // Light passes the lens before it is blurred.
   if (blur_px_ > 0 && exponent != 0) vignetting_ = cv::Mat1f(response_.size(), 1.0f);
   cv::Mat1f& vignetted = vignetting_.empty() ? response_ : vignetting_;
   for_each_row(response_.rows, [&](int row) {
