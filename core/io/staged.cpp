@@ -579,7 +579,7 @@ void StagedFolder::commit() {
     write_directly(staging_ / kMarkerFile, target_ / kMarkerFile, text);
   }
   std::set<std::string> carried_over;
-  bool is_on_disk = false, replaces = false;
+  bool synced = false, syncing = false, replaces = false;
   try {
     int error = 0;
     // Another process may create or remove the target meanwhile.
@@ -587,11 +587,14 @@ void StagedFolder::commit() {
     for (int attempt = 0; attempt < kAttempts; ++attempt) {
       check_replaceable(target_, kind_);
       replaces = is_there(target_);
-      if (!is_on_disk) sync_folder(staging_);
-      is_on_disk = true;
       if (replaces) {
         carry_over(target_, staging_, preserved_, target_, carried_over);
         carry_folders_over(target_, staging_);
+      }
+      if (!synced) {
+        syncing = true;
+        sync_folder(staging_);
+        syncing = false, synced = true;
       }
       error = rename_as(staging_, target_, replaces ? RENAME_EXCHANGE : RENAME_NOREPLACE);
       if (error == EINVAL || error == ENOSYS || error == EOPNOTSUPP)
@@ -601,8 +604,8 @@ void StagedFolder::commit() {
     }
     if (error != 0) throw cannot(target_, "moved into place", error);
   } catch (const std::exception& e) {
+    if (syncing) throw;  // what did not reach the disk is not complete
     // The work is done. What stands in its way may be anything.
-    if (!is_on_disk && !is_there(target_)) throw;
     throw Error(std::string(e.what()) + "; the new result is complete in " +
                 (partial_->keep() / target_.filename()).string());
   }
