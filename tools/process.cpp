@@ -40,9 +40,8 @@ std::string untranslated(const std::exception& exception) {
 // Ends the program when a mapped file is no longer readable: another program has shortened it, or its disk has failed or is full.
 extern "C" void end_without_file(int) {
   constexpr char kMessage[] =
-      "fringeslam: a saved map, or a temporary file in TMPDIR, became shorter or its disk failed or is full; check "
-      "them, "
-      "and run the command again\n";
+      "fringeslam: a saved map, or a temporary file in TMPDIR, became shorter or its disk failed or is full; "
+      "check them, and run the command again\n";
   (void)!write(2, kMessage, sizeof kMessage - 1);
   _exit(2);
 }

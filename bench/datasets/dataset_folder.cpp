@@ -141,36 +141,41 @@ enum Column : size_t {
 
 constexpr const char* kRestore = "restore it from a copy, or write the dataset to another --out";
 
-// Calls take(line) for each line of a file, without its end; returns the checksum and size of the file.
+// Calls take(bytes) for the content of a file, block after block; returns the checksum and size of the file.
 template <class Take>
-FileEntry for_each_line(const fs::path& file, const Take& take) {
+FileEntry for_each_block(const fs::path& file, const Take& take) {
   const InputFile input(file, kMostDataBytes);
   FileEntry entry{file.filename().string(), "", 0};
   Sha256 sum;
-  std::string block(kMebibyte, '\0'), line;
+  std::string block(kMebibyte, '\0');
   for (size_t count; (count = input.read_at(entry.bytes, block.data(), block.size())) > 0; entry.bytes += count) {
-    sum.add({block.data(), count});
-    for (size_t begin = 0; begin < count;) {
-      const size_t end = std::min(block.find('\n', begin), count);
-      line.append(block, begin, end - begin);
-      if (line.size() > kMebibyte) throw Error(file.string() + ": is damaged; " + kRestore);
-      if (end < count) take(std::exchange(line, {}));
-      begin = end + 1;
-    }
+    const std::string_view bytes(block.data(), count);
+    sum.add(bytes);
+    take(bytes);
   }
-  if (!line.empty()) take(line);
   entry.sha256 = sum.hex();
   return entry;
 }
 
+// Calls take(line) for each line of a file, without its end; returns the checksum and size of the file.
+template <class Take>
+FileEntry for_each_line(const fs::path& file, const Take& take) {
+  std::string line;
+  const FileEntry entry = for_each_block(file, [&](std::string_view bytes) {
+    for (size_t begin = 0; begin < bytes.size();) {
+      const size_t end = std::min(bytes.find('\n', begin), bytes.size());
+      line += bytes.substr(begin, end - begin);
+      if (line.size() > kMebibyte) throw Error(file.string() + ": is damaged; " + kRestore);
+      if (end < bytes.size()) take(std::exchange(line, {}));
+      begin = end + 1;
+    }
+  });
+  if (!line.empty()) take(line);
+  return entry;
+}
+
 std::string checksum(const fs::path& file) {
-  const InputFile input(file, kMostDataBytes);
-  Sha256 sum;
-  std::string block(kMebibyte, '\0');
-  size_t count = 0;
-  for (uint64_t at = 0; (count = input.read_at(at, block.data(), block.size())) > 0; at += count)
-    sum.add({block.data(), count});
-  return sum.hex();
+  return for_each_block(file, [](std::string_view) {}).sha256;
 }
 
 Json about_of(const Spec& spec, const std::string& identity, const std::string& version, const std::vector<Tar>& tars) {

@@ -58,7 +58,7 @@ class DatasetFolder {
   std::vector<FileEntry> write_index() const;
   // Returns the tar files of a complete dataset with the checksums in SHA256SUMS. Throws Error if the index differs from its
   // checksum, or the size of a tar file from that in the index.
-  std::vector<FileEntry> recorded_tars(const Contents& indexed) const;
+  std::vector<FileEntry> recorded_tars(const Contents& found) const;
   std::filesystem::path tar_file(size_t tar) const;
   std::filesystem::path index_of(size_t tar) const;
 

@@ -143,12 +143,12 @@ SampleRays sample_rays(const Pinhole& camera, int per_pixel, double extent, doub
       const auto pixel = static_cast<size_t>(row * camera.width + col);
       const Eigen::Vector2d centre(col, row);
       rays.centres[pixel] = camera.undistort(centre);
+      const double at_centre = rays.transmission.empty() ? 1 : lens_transmission(rays.centres[pixel], vignetting);
       for (size_t s = 0; s < offsets.size(); ++s) {
         const size_t sample = pixel * offsets.size() + s;
         rays.samples[sample] = camera.undistort(centre + offsets[s]);
         if (rays.transmission.empty()) continue;
-        const double relative =
-            lens_transmission(rays.samples[sample], vignetting) / lens_transmission(rays.centres[pixel], vignetting);
+        const double relative = lens_transmission(rays.samples[sample], vignetting) / at_centre;
         rays.transmission[sample] = std::isnan(relative) ? 1 : static_cast<float>(relative);  // without a ray
       }
     }

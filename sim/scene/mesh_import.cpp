@@ -3,7 +3,6 @@
 
 #include <Eigen/Geometry>
 #include <algorithm>
-#include <array>
 #include <cctype>
 #include <charconv>
 #include <cmath>
@@ -177,18 +176,16 @@ std::filesystem::path texture_beside(const std::filesystem::path& file, std::str
   constexpr std::string_view kScheme = "file://";
   if (name.starts_with(kScheme)) name.erase(0, kScheme.size());
   std::replace(name.begin(), name.end(), '\\', '/');
-  const std::filesystem::path folder = file.parent_path(), own = std::filesystem::path(name).filename();
-  const auto candidates = [&](const std::filesystem::path& path, const std::filesystem::path& last) {
-    return std::array{folder / path, folder / last, folder / "textures" / last, folder / "../materials/textures" / last,
-                      folder / "../textures" / last};
-  };
+  const std::filesystem::path folder = file.parent_path();
   std::error_code unknown;
-  for (const std::filesystem::path& candidate : candidates(name, own)) {
-    if (std::filesystem::exists(candidate, unknown)) return candidate;
-  }
   // glTF names files by URIs.
-  for (const std::filesystem::path& candidate : candidates(percent_decoded(name), percent_decoded(own.string()))) {
-    if (std::filesystem::exists(candidate, unknown)) return candidate;
+  for (const std::string& spelled : {name, percent_decoded(name)}) {
+    const std::filesystem::path own = std::filesystem::path(spelled).filename();
+    for (const std::filesystem::path& candidate :
+         {folder / spelled, folder / own, folder / "textures" / own, folder / "../materials/textures" / own,
+          folder / "../textures" / own}) {
+      if (std::filesystem::exists(candidate, unknown)) return candidate;
+    }
   }
   return folder / name;
 }
