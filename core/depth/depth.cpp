@@ -76,6 +76,12 @@ StepLimit step_limit(const Triangulation& triangulation, const DepthOptions& opt
 
 }  // namespace
 
+std::optional<double> corrected_spread_px2(const DecodedStack& decoded, const Triangulation& triangulation,
+                                           const DepthOptions& options, double distance_m) {
+  if (!corrects_texture(decoded, triangulation, options) || !triangulation.blur_is_stated()) return std::nullopt;
+  return triangulation.point_spread().variance_px2(static_cast<float>(1 / distance_m));
+}
+
 void triangulate(Frame& frame, const DecodedStack& decoded, const Triangulation& triangulation,
                  const DepthOptions& options, InstructionSet set) {
   const cv::Size size = decoded.coordinate_px.size();

@@ -3,6 +3,8 @@
 // triangulation.h.
 #pragma once
 
+#include <optional>
+
 #include "core/depth/triangulation.h"
 #include "core/types/decoded_stack.h"
 #include "core/types/frame.h"
@@ -56,6 +58,11 @@ struct DepthOptions {
 // sizes differ.
 void triangulate(Frame& frame, const DecodedStack& decoded, const Triangulation& triangulation,
                  const DepthOptions& options, InstructionSet set = selected_instruction_set());
+
+// Returns the variance of the point spread in the camera image, px^2, of a surface at `distance_m`, if reconstruct() corrects
+// points for texture under it (docs/method.md, section 4.1); empty if it does not, or if the rig does not state its lens's blur.
+std::optional<double> corrected_spread_px2(const DecodedStack& decoded, const Triangulation& triangulation,
+                                           const DepthOptions& options, double distance_m);
 
 // Computes the complete frame. Throws Error if sizes differ or options are out of range.
 Frame reconstruct(const DecodedStack& decoded, const RigModel& rig, const Triangulation& triangulation,

@@ -294,7 +294,8 @@ Triangulation::Triangulation(const RigModel& rig, const PixelRays& rays, double 
       far_m_(far_m),
       pixel_angle_(1 / rig.camera.fx),
       point_spread_(point_spread_of(rig)),
-      modulation_shows_texture_(fringeslam::modulation_shows_texture(rig.phase_correction)) {
+      modulation_shows_texture_(fringeslam::modulation_shows_texture(rig.phase_correction)),
+      blur_is_stated_(rig.camera_lens.blur_px > 0) {
   if (!(near_m < far_m))
     throw Error("depth.near_m is " + to_text(near_m) + " but depth.far_m is " + to_text(far_m) +
                 "; near_m must be smaller than far_m");

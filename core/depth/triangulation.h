@@ -61,12 +61,14 @@ class Triangulation {
 
   // False if a nonlinear projector makes the modulation follow the phase, so that its gradients are not those of texture.
   bool modulation_shows_texture() const { return modulation_shows_texture_; }
+  // True if the rig states the blur of its camera lens, without which texture under blur is corrected only in part.
+  bool blur_is_stated() const { return blur_is_stated_; }
 
  private:
   PixelRays rays_;
   double near_m_, far_m_, pixel_angle_;
   PointSpread point_spread_;
-  bool modulation_shows_texture_;
+  bool modulation_shows_texture_, blur_is_stated_;
   std::array<cv::Mat1f, kDegree + 1> coefficients_;
   cv::Mat1f centre_, per_px_;  // s = (u - centre) * per_px
   cv::Mat1f error_px_;         // of the polynomial; empty if negligible

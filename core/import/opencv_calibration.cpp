@@ -387,8 +387,4 @@ RigCalibration read_opencv_calibration(const CalibrationFiles& source) {
   return calibration_of(source, parsed_by_child(source.files));
 }
 
-RigCalibration opencv_calibration_of(const CalibrationFiles& source, const std::vector<std::string>& contents) {
-  return calibration_of(source, raw_files(contents));
-}
-
 }  // namespace fringeslam

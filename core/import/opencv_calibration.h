@@ -41,7 +41,4 @@ struct RigCalibration {
 // orthonormalised to remove rounding.
 RigCalibration read_opencv_calibration(const CalibrationFiles& source);
 
-// Reads a calibration from the content of its files, in this process.
-RigCalibration opencv_calibration_of(const CalibrationFiles& source, const std::vector<std::string>& contents);
-
 }  // namespace fringeslam

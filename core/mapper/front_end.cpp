@@ -194,6 +194,8 @@ void FringeFrontEnd::decode_into(ReconstructedView& view, const FringeStack& sta
 void FringeFrontEnd::reconstruct_frame(ReconstructedView& view) const {
   enter_stage("depth");
   view.frame = fringeslam::reconstruct(view.decoded, rig_, triangulation_, options_.depth);
+  view.corrected_spread_px2 =
+      fringeslam::corrected_spread_px2(view.decoded, triangulation_, options_.depth, rig_.middle_range_m());
 }
 
 // Decodes one stack with motions and rough depths that improve each other: the depth needs the motion, but the motion needs

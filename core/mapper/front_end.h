@@ -25,7 +25,10 @@ struct ReconstructedView {
   // Motion that the frame is not compensated for: estimated, and not significantly different from rest; or, if the stack cannot
   // show motion, assumed by the mapper.
   std::optional<StackMotion> undecided_motion = {};
-  double image_interval_s = 0;   // between the exposures of the stack; 0: not known
+  double image_interval_s = 0;  // between the exposures of the stack; 0: not known
+  // Variance of the camera's point spread, px^2, for which points beside texture are corrected. Empty: they are not, so that the
+  // errors of views from different directions differ by more.
+  std::optional<double> corrected_spread_px2 = {};
   bool motion_untested = false;  // the stack cannot show whether the camera moved, as with a single fringe period
 
   bool in_motion() const { return motion && !motion->motion.is_still(); }

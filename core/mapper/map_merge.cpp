@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <map>
+#include <optional>
 #include <set>
 #include <string>
 #include <utility>
@@ -91,7 +92,12 @@ class Merger {
     const Pose& pose = found.earlier_from_current;
     // The registration takes the motions during both stacks as known.
     const Matrix6d covariance = found.covariance + covariance_by_motion(keyframe(a_, a), keyframe(b_, b), pose);
-    return {a,    b, pose, kLinkVariance * with_parallax(covariance, pose, a_.rig().middle_range_m()), by_landmarks,
+    // Maps do not record whether their points were corrected for texture.
+    return {a,
+            b,
+            pose,
+            kLinkVariance * with_parallax(covariance, pose, a_.rig().middle_range_m(), std::nullopt),
+            by_landmarks,
             false};
   }
 

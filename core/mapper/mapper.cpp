@@ -466,6 +466,7 @@ void Mapper::add_keyframe(FrameResult& result, TrackedView& here, const FrameMot
   if (result.keypoints.detected == 0) find_landmarks(result);
   enter_stage("map");
   const bool moved = !motion.covariance.isZero(0);
+  corrected_ = (corrected_ || map_.keyframes().empty()) && result.corrected_spread_px2;
   result.keyframe = map_.add_keyframe(result.frame, result.landmarks, current, {motion.spread(), first && moved});
   if (first && moved) first_motion_ = motion;
   result.in_map = true;
@@ -526,8 +527,15 @@ bool Mapper::link_with(int keyframe, const FrameResult& result, const std::vecto
   const Pose& pose = registration.earlier_from_current;
   // The registration takes the motions during both stacks as known.
   const Matrix6d covariance = registration.covariance + covariance_by_motion(earlier, current, pose);
-  link(keyframe, result.keyframe, pose, with_parallax(covariance, pose, rig_.middle_range_m()), loop);
+  link(keyframe, result.keyframe, pose, with_parallax(covariance, result, pose), loop);
   return true;
+}
+
+// Accounts for the parallax between the view and an earlier one.
+Matrix6d Mapper::with_parallax(const Matrix6d& covariance, const FrameResult& result,
+                               const Pose& earlier_from_current) const {
+  return fringeslam::with_parallax(covariance, earlier_from_current, rig_.middle_range_m(),
+                                   corrected_ ? result.corrected_spread_px2 : std::nullopt);
 }
 
 // The next error of constant velocity is assumed to be at most twice the current one, and at least that of a robot that moves

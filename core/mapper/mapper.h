@@ -203,6 +203,7 @@ class Mapper {
   std::shared_ptr<const FrameResult> recovered(const MapperInput& input);
   bool relocalize(FrameResult& result);
   int unlinked_from(int reference) const;
+  Matrix6d with_parallax(const Matrix6d& covariance, const FrameResult& result, const Pose& earlier_from_current) const;
   bool leaves_keyframe(const FrameResult& result, const Pose& world_from_camera, int keyframe) const;
   ExpectedView expected_view(const Pose& world_from_current, const Matrix6d& covariance, bool by_reference) const;
 
@@ -222,7 +223,8 @@ class Mapper {
   KeyframeMap map_;
   Pose start_;
   std::vector<TrackedView> track_;
-  bool lost_ = false;  // since the last view of track_
+  bool lost_ = false;       // since the last view of track_
+  bool corrected_ = false;  // the points of all keyframes, for texture
   Matrix6d prediction_covariance_ = Matrix6d::Zero();
   PoseVariance variance_, shared_variance_;  // of the current view's pose, without vibration that is not certain
   bool prediction_checked_ = false;          // the last view was where it had been predicted

@@ -124,8 +124,7 @@ void Mapper::confirm_in_motion(FrameResult& result, const MapperInput& input) {
       between.bottomRightCorner<3, 3>().diagonal().array() +=
           between.topLeftCorner<3, 3>().trace() * joint_pose.translation.squaredNorm();
       const Eigen::Matrix3d axes = world_from_reference.rotation.transpose() * world_from_other.rotation;
-      expected =
-          with_parallax(covariance + rotated_covariance(axes, joint.covariance) + between, pose, rig_.middle_range_m());
+      expected = with_parallax(covariance + rotated_covariance(axes, joint.covariance) + between, result, pose);
     }
     confirmed = agree(world_from_reference.inverse() * world_from_joint, pose, expected);
   }
@@ -271,8 +270,7 @@ Mapper::FrameMotion Mapper::add_motion_uncertainty(FrameResult& result, const Ma
   } else {
     first_motion_.reset();
   }
-  result.covariance =
-      with_parallax(result.covariance + own.spread() + by_motion_of_reference(result), pose, rig_.middle_range_m());
+  result.covariance = with_parallax(result.covariance + own.spread() + by_motion_of_reference(result), result, pose);
   own.pose_by_motion = rotated_tangent(pose.rotation.transpose()) * own.pose_by_motion;
   return own;
 }

@@ -190,8 +190,8 @@ std::shared_ptr<const FrameResult> Mapper::recovered(const MapperInput& input) {
   here.variance = pose_variance(view->covariance + own.spread());
   here.shared = pose_variance(of_reference);
   vibration_.widen_estimate(own.covariance);
-  view->covariance = with_parallax(view->covariance + own.spread() + of_reference,
-                                   view->registration.earlier_from_current, rig_.middle_range_m());
+  view->covariance =
+      with_parallax(view->covariance + own.spread() + of_reference, *view, view->registration.earlier_from_current);
   // A stack that leaves its motion so uncertain was distorted by more than its covariance, a linear model, describes.
   constexpr double kMostSigma_m = 5e-3;
   if (!(displacement_sigma_m(view->registration.earlier_from_current, view->covariance, rig_.middle_range_m()) <

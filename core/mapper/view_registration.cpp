@@ -189,9 +189,17 @@ LocatedView locate_view(const std::function<SeenView(int)>& earlier, int last, c
   return result;
 }
 
-Matrix6d with_parallax(const Matrix6d& covariance, const Pose& a_from_b, double distance_m) {
-  constexpr double kNear = 0.8, kPerDistance = 4;  // measured on views 0.01 to 0.8 distances apart
-  return std::max(1.0, kNear * (1 + kPerDistance * a_from_b.translation.norm() / distance_m)) * covariance;
+Matrix6d with_parallax(const Matrix6d& covariance, const Pose& a_from_b, double distance_m,
+                       std::optional<double> corrected_spread_px2) {
+  // Measured on views 0.01 to 0.8 distances apart. The variance that the correction leaves grows with the square of the spread's.
+  constexpr double kUncorrectedNear = 0.8, kUncorrectedPerDistance = 4;
+  constexpr double kNear = 0.9, kPerDistance = 0.65, kMeasuredSpread_px2 = 1.0 / 12 + 0.09 * 0.09;
+  double near = kUncorrectedNear, per_distance = kUncorrectedPerDistance;
+  if (corrected_spread_px2) {
+    const double wider = *corrected_spread_px2 / kMeasuredSpread_px2;
+    near = kNear, per_distance = kPerDistance * wider * wider;
+  }
+  return std::max(1.0, near * (1 + per_distance * a_from_b.translation.norm() / distance_m)) * covariance;
 }
 
 }  // namespace fringeslam

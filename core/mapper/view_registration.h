@@ -5,6 +5,7 @@
 
 #include <array>
 #include <functional>
+#include <optional>
 #include <vector>
 
 #include "core/landmarks/keypoints.h"
@@ -158,8 +159,10 @@ LocatedView locate_view(const std::function<SeenView(int)>& earlier, int last, c
 
 // Returns the covariance of a registration when its cameras may be far apart compared to the distance of the surfaces. Depth
 // errors at edges, of texture under blur and of the surface's sampling depend on the viewing direction; they cancel only
-// between views from nearly the same place (docs/method.md, section 8.1).
-Matrix6d with_parallax(const Matrix6d& covariance, const Pose& a_from_b, double distance_m);
+// between views from nearly the same place (docs/method.md, section 8.1). `corrected_spread_px2`: that of both views,
+// ReconstructedView::corrected_spread_px2.
+Matrix6d with_parallax(const Matrix6d& covariance, const Pose& a_from_b, double distance_m,
+                       std::optional<double> corrected_spread_px2);
 
 // Factor of the covariances of links between keyframes: pose graphs take links as independent, but those of a keyframe share
 // its errors (docs/method.md, section 8.1).
