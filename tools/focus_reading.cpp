@@ -33,9 +33,9 @@ double usable_share(const cv::Mat& mask) {
 }
 
 // Ratio of sums, so that bright pixels, which are less noisy, count more.
-double contrast(const cv::Mat1f& modulation, const cv::Mat1f& range, const cv::Mat& tells) {
-  if (usable_share(tells) < kLeastMeasured) return kNaN;
-  return 2 * cv::mean(modulation, tells)[0] / cv::mean(range, tells)[0];
+double contrast(const cv::Mat1f& modulation, const cv::Mat1f& range, const cv::Mat& usable) {
+  if (usable_share(usable) < kLeastMeasured) return kNaN;
+  return 2 * cv::mean(modulation, usable)[0] / cv::mean(range, usable)[0];
 }
 
 double texture_sharpness(const cv::Mat1f& mean) {
@@ -70,17 +70,17 @@ FocusReading read_focus(const FringeStack& stack, const RigModel& rig) {
   cv::Mat1f range;
   cv::subtract(white, flat_image(stack, 0), range);
   const double full = rig.sensor.max_dn();
-  const cv::Mat tells = (range >= kLeastRange * full) & (white < DecodeOptions().saturation * full);
+  const cv::Mat usable = (range >= kLeastRange * full) & (white < DecodeOptions().saturation * full);
 
   FocusReading reading;
-  reading.fringes = contrast(decoded.modulation, range, tells);
-  reading.measured = usable_share(tells);
+  reading.fringes = contrast(decoded.modulation, range, usable);
+  reading.measured = usable_share(usable);
   reading.sharpness = texture_sharpness(decoded.mean);
   const auto cell = [&](int row, int col) {
     const auto third = [](int length, int index) { return length * index / 3; };
-    const cv::Rect area(cv::Point(third(tells.cols, col), third(tells.rows, row)),
-                        cv::Point(third(tells.cols, col + 1), third(tells.rows, row + 1)));
-    return contrast(decoded.modulation(area), range(area), tells(area));
+    const cv::Rect area(cv::Point(third(usable.cols, col), third(usable.rows, row)),
+                        cv::Point(third(usable.cols, col + 1), third(usable.rows, row + 1)));
+    return contrast(decoded.modulation(area), range(area), usable(area));
   };
   reading.centre = cell(1, 1);
   double sum = 0;

@@ -25,7 +25,7 @@ constexpr double kMostDriftRad = 1.2, kMostDriftChangeRad = 0.3, kMostHarmonic =
 // The residual of a pixel, in units of its expected variance, above which its weight in the drift falls off: pixels that
 // change from one surface to another do not follow the model.
 constexpr double kOutlyingResidual = 9;
-// Of a drift that no pixel determines, rad^2.
+// Variance of a drift that no pixel determines, rad^2.
 constexpr double kUnknownVariance = 1e3;
 
 // The images that a result depends on, and the window among them.

@@ -35,7 +35,7 @@ constexpr const char* kMarkerFile = ".fringeslam";
 constexpr const char* kPartialMarker = ".fringeslam-partial";
 constexpr std::string_view kPartialSuffix = ".partial-";
 constexpr size_t kPartialLetters = 6;
-// Mode of a new temporary folder. The sticky bit tells it from a folder of the user before it has its marker.
+// Mode of a new temporary folder. The sticky bit distinguishes it from a folder of the user before it has its marker.
 constexpr mode_t kPartialMode = S_ISVTX | S_IRWXU;
 // In a temporary folder: the replaced folder, on file systems that cannot exchange two folders.
 constexpr const char* kReplaced = ".replaced";

@@ -70,7 +70,7 @@ TEST(Edges, AStripIsPartOfTheWhole) {
   }
 }
 
-TEST(Edges, TheSameWhateverTheThreads) {
+TEST(Edges, DoNotDependOnTheNumberOfThreads) {
   Random random(5);
   cv::Mat1f image(211, 333);
   for (float& value : image) value = static_cast<float>(random.uniform(0, 255));

@@ -161,7 +161,7 @@ TEST(ExpectedView, RoundSurfacesFollowTheirTangentPlanes) {
   }
 }
 
-TEST(ExpectedView, WhatIsNearCoversWhatIsBehind) {
+TEST(ExpectedView, NearSurfacesOccludeFarOnes) {
   const RigModel rig = small_rig(true);
   const Surface scene = nearest_of({strip(0.85, -0.03, 0.05), plane({0, 0, 1}, 1.1)});
   const auto e = expect(scene, rig, Matrix6d::Zero());

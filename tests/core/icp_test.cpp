@@ -88,7 +88,7 @@ TEST(Icp, IdenticalFramesStayWhereTheyAre) {
 }
 
 // Held 2 mm off by a prior, with gates too narrow to pull it back.
-TEST(Icp, WhatSlidToRestBesideItsPlaceMovesWhenPartnersCountAgain) {
+TEST(Icp, AViewThatConvergedBesideItsPlaceMovesWhenPartnersCountAgain) {
   const RigModel rig = small_rig(false);
   const Frame frame = observe(bumps(1.0, 0.003, 0.2), rig, {}, 2e-5);
   IcpOptions options;
@@ -246,7 +246,7 @@ TEST(Icp, FramesThatDoNotOverlapDoNotConverge) {
   EXPECT_FALSE(point_to_plane_icp(frame, other, rig.camera, {}, {}).converged);
 }
 
-TEST(Icp, TheSameBytesWhateverTheThreads) {
+TEST(Icp, ResultDoesNotDependOnTheNumberOfThreads) {
   const RigModel rig = small_rig(false);
   Random random(6);
   const Surface surface = bumps(1, 0.01, 0.15);

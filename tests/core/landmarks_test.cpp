@@ -136,7 +136,7 @@ TEST(Keypoints, NoTextureNoKeypoints) {
   EXPECT_THAT(match_keypoints(found, found, {}), testing::IsEmpty());
 }
 
-TEST(Keypoints, TheSameWhateverTheThreads) {
+TEST(Keypoints, DoNotDependOnTheNumberOfThreads) {
   const RigModel rig = small_rig(false);
   const Frame frame = board(rig, blob_image({133, 125}, scattered_blobs(2, 120)));
   const int threads = cv::getNumThreads();

@@ -268,7 +268,7 @@ TEST(Motion, CollinearPointsLeaveATurnFree) {
   }
 }
 
-TEST(Motion, WhatCollinearPointsLeaveFreeIsNamed) {
+TEST(Motion, TheRotationThatCollinearPointsLeaveFreeIsReported) {
   const Eigen::Vector3d end(-0.1, 0.05, 0.9), along(1, -0.5, 1);
   for (const bool noisy : {false, true}) {
     Random random(4);

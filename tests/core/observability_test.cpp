@@ -264,7 +264,7 @@ TEST(Observability, ANearlyBarePlane) {
   for (const int i : {0, 1}) EXPECT_NEAR(free[i].sigma, kSigma_m / (1e-3 * std::sqrt(300)), 0.2 * free[i].sigma);
 }
 
-TEST(Observability, WhatIsNotFiniteIsRefused) {
+TEST(Observability, NonFiniteValuesAreRefused) {
   const Matrix6d nan = Matrix6d::Constant(std::numeric_limits<double>::quiet_NaN());
   EXPECT_THAT(support::error_of([&] { unobservable_directions(nan, kPose, {0, 0, 1}, 0.1, {}); }), HasSubstr("finite"));
   EXPECT_THAT(support::error_of([&] {

@@ -159,7 +159,7 @@ SurfaceMesh two_triangles() {
   return mesh;
 }
 
-TEST_F(PlyFile, WhatIsWrittenIsReadBackExactly) {
+TEST_F(PlyFile, WrittenFilesAreReadBackExactly) {
   const SurfaceMesh mesh = two_triangles();
   const PlyMap back = read(to_ply(mesh, "world"));
   ASSERT_EQ(back.vertices.size(), 4u);

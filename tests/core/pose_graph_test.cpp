@@ -403,7 +403,7 @@ TEST(PoseGraph, TheSameResultOnEveryCall) {
   EXPECT_EQ(first.cost, again.cost);
 }
 
-TEST(PoseGraph, WhatIsNoGraphIsRefused) {
+TEST(PoseGraph, InvalidGraphsAreRefused) {
   const std::vector<Pose> poses = laps(3, 3);
   const PoseEdge good = exact_edge(poses, 0, 1, Matrix6d::Identity(), false);
   const auto refused = [&](const auto& spoil) {

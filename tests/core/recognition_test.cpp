@@ -401,7 +401,7 @@ TEST(LandmarkScore, CountsWhatIsTrue) {
   EXPECT_FALSE(is_correct_match(earlier.judged(), current.judged(), right[0], camera()));
 }
 
-TEST(LandmarkScore, WhatIsHiddenOrInShadowIsNotCovisible) {
+TEST(LandmarkScore, HiddenOrShadowedPointsAreNotCovisible) {
   for (const bool hidden : {true, false}) {
     Plane earlier(0), current(0.01);
     Landmark b;

@@ -523,7 +523,7 @@ TEST(Surface, VoxelIsAPixelAtMidRange) {
   EXPECT_EQ(SurfaceModel(rig, {.voxel_m = 0.001}).voxel_m(), 0.001);
 }
 
-TEST(Surface, WhatCannotBeIsRefused) {
+TEST(Surface, InvalidInputIsRefused) {
   const RigModel rig = support::small_rig(false);
   EXPECT_THAT(error_of([&] { SurfaceModel(rig, {.voxel_m = -1}); }),
               HasSubstr("surface.voxel_m is -1; it must lie in"));

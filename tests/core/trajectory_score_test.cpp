@@ -197,7 +197,7 @@ TEST(RelativeErrors, OfADriftGrowWithDelta) {
   }
 }
 
-TEST(TrajectoryOptions, WhatCannotBeIsRefused) {
+TEST(TrajectoryOptions, InvalidValuesAreRefused) {
   const Trajectory line = at({{0, 0, 0}, {1, 0, 0}, {2, 0, 0}}), still = at({{1, 2, 3}, {1, 2, 3}, {1, 2, 3}});
   const auto refusal = [&](const Trajectory& estimate, const Trajectory& truth, TrajectoryOptions options) {
     return error_of([&] { score_trajectory(estimate, truth, options); });

@@ -449,7 +449,7 @@ TEST_F(ClosedLoop, OnlyOneProgramControlsACamera) {
   EXPECT_THAT(log_of("program"), HasSubstr("controlled by another program"));
 }
 
-TEST_F(ClosedLoop, WhatTheCameraCannotDoIsSaid) {
+TEST_F(ClosedLoop, UnsupportedCameraSettingsAreReported) {
   const auto opened_with = [&](const std::string& hardware) {
     return error_of([&] { (void)open_hardware(rig_with(hardware)); });
   };
@@ -538,7 +538,7 @@ int live_port(const std::string& log) {
   return end == std::string::npos ? 0 : std::stoi(log.substr(at + lead.size(), end - at - lead.size()));
 }
 
-TEST_F(ClosedLoop, WhatIsCapturedIsSeenLive) {
+TEST_F(ClosedLoop, CapturedViewsAppearOnTheLivePage) {
   // The long interval keeps the first stack the newest one while the viewer connects; Ctrl-C ends it.
   Child capture = program(
       {"capture", "--rig", at("rig.yaml"), "--out", at("live"), "--live", "0", "--count", "3", "--interval", "600"});

@@ -95,7 +95,7 @@ TEST(Dlpc350, AFrameOfThreePatternsShowsItsChannelsInOrder) {
                   {0x00, 11, 0, 0x34, 0x1A, 0x05, 0x77, 0x04, 0x03, 0x77, 0x00, 0x0B, 0x77, 0x00}}));
 }
 
-TEST(Dlpc350, WhatItFindsInvalidIsSaidInWords) {
+TEST(Dlpc350, InvalidSettingsAreReportedInWords) {
   for (const auto& [status, words] : std::vector<std::pair<uint8_t, const char*>>{
            {0x01, "exposure or the period"}, {0x02, "pattern's number"}, {0x10, "by less than 230 us"}}) {
     Talk talk;

@@ -216,7 +216,7 @@ TEST(SequenceCheck, DarknessIsNoSequence) {
 }
 
 // The mean of ((1 + cos s) / 2)^n over a turn is (2n)! / (4^n n!^2): 1/2, 3/8, 5/16 for n = 1, 2, 3.
-TEST(SequenceCheck, TheMeanOfFringesTellsTheGamma) {
+TEST(SequenceCheck, TheMeanOfFringesYieldsTheGamma) {
   EXPECT_NEAR(gamma_of_mean(1.0 / 2), 1, 1e-6);
   EXPECT_NEAR(gamma_of_mean(3.0 / 8), 2, 1e-6);
   EXPECT_NEAR(gamma_of_mean(5.0 / 16), 3, 1e-6);

@@ -72,7 +72,7 @@ TEST(LiveAccess, ATokenIsMadeUpBeyondThisComputerAlone) {
   EXPECT_EQ(tools::checked({"127.0.0.1", 0, kToken}).token, kToken);
 }
 
-TEST(LiveAccess, WhatIsNoAddressOrNoTokenIsRefused) {
+TEST(LiveAccess, InvalidAddressesAndTokensAreRefused) {
   for (const char* host : {"robot", "", "127.0.0", "http://127.0.0.1", "0.0.0.0:80"})
     EXPECT_THAT(error_of([&] { tools::checked({host, 0, ""}); }), HasSubstr("--live-host")) << host;
   for (const char* token : {"short", "with spaces in it at all", "fifteen-letters", "line\nends are not allowed"})

@@ -110,7 +110,7 @@ TEST(LiveFeed, ViewsTellHowTheyWereTracked) {
   EXPECT_EQ(found["views"]["list"][3]["pose"], json::parse("[0.03, 0, 0, 0, 0, 0, 1]"));
 }
 
-TEST(LiveFeed, ACorrectionMovesAllThatWasTold) {
+TEST(LiveFeed, ACorrectionMovesAllPublishedViews) {
   LiveFeed feed(test::run_setup());
   SyntheticRun run;
   Viewer viewer(feed);

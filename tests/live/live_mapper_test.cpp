@@ -32,7 +32,7 @@ class Mapped : public testing::Test {
   LiveMapper mapper_;
 };
 
-TEST_F(Mapped, WhatIsOfferedIsSeenWithItsPoseAndInTheMap) {
+TEST_F(Mapped, OfferedStacksAppearWithTheirPosesAndInTheMap) {
   for (int view = 0; view < 4; ++view) {
     mapper_.offer(captured());
     mapper_.finish();

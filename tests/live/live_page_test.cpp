@@ -221,7 +221,7 @@ TEST_F(LivePageTest, ForeignNamesAndPagesAreRefused) {
   EXPECT_THAT(NonReadingClient(port_of(page_), "GET /snapshot HTTP/1.0\r\n\r\n").rest(), HasSubstr("403"));
 }
 
-TEST_F(LivePageTest, ChangesAreToldWhenTheyCome) {
+TEST_F(LivePageTest, ChangesArePublishedImmediately) {
   page_.feed().show(ramp_stack(60));
   const std::string path = wait_for_more(page_);
   std::thread capture([&] { page_.feed().show(ramp_stack(80)); });
@@ -277,7 +277,7 @@ TEST(LivePage, ALateViewerGetsWhatAnEarlyOneGathered) {
 }
 
 // Each viewer waits for changes; only the excess one gets a 503.
-TEST(LivePage, TooManyViewersAreToldSo) {
+TEST(LivePage, ExcessViewersGetAMessage) {
   LivePage page(capture_setup(), {});
   const std::string request = "GET " + wait_for_more(page) + " HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n";
   std::deque<NonReadingClient> waiting;

@@ -25,7 +25,7 @@ async function drawn(page) {
 
 const label = (page) => page.locator('#label').textContent();
 
-test('the head tells name and figures, the map is drawn, its colours can be chosen', async () => {
+test('the head shows name and figures, the map is drawn, its colours can be chosen', async () => {
   const {page, close} = await open(full);
   await drawn(page);
   // Unescaped, the scene's name would end the script element and insert another one.

@@ -32,7 +32,7 @@ async function unfold(page) {
   await page.waitForFunction(() => document.querySelectorAll('.folded:not(:has(table))').length === 0);
 }
 
-test('the head tells name, rate, interval and what is missing', async () => {
+test('the head shows name, rate, interval and what is missing', async () => {
   const {page, close} = await open();
   assert.equal(await page.locator('#name').textContent(), kWildName);
   assert.equal(await page.title(), `${kWildName} · FringeSLAM`);

@@ -101,7 +101,7 @@ TEST_P(Export, LeavesNothingBesideItsFiles) {
   EXPECT_EQ(test::listing(temp_.path()), expected);
 }
 
-TEST_P(Export, WhatCannotBeWrittenLeavesNothingBehind) {
+TEST_P(Export, FailedWritesLeaveNothingBehind) {
   const auto nowhere = temp_ / ("none/world." + GetParam()), folder = temp_ / ("folder." + GetParam());
   std::filesystem::create_directory(folder);
   EXPECT_THAT(error_of([&] { export_mesh(small_world(), nowhere); }), StartsWith(nowhere.string() + ": cannot be"));

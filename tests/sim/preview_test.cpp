@@ -72,7 +72,7 @@ double shown_spots(const Scene& scene) {
   return shown / static_cast<double>(interest.spots.size());
 }
 
-TEST(Preview, WhatIsOfInterestFillsThePicture) {
+TEST(Preview, TheObjectsFillThePicture) {
   for (const Scene& scene : {open_world(), closed_room()}) {
     const RayScene world(scene);
     const Viewpoint view = viewpoint_of(scene, world);
@@ -150,7 +150,7 @@ TEST_F(Drawing, LinesAreWhereAPinholeSees) {
   EXPECT_EQ(colour_at(20, 20), kPaper);
 }
 
-TEST_F(Drawing, WhatIsHiddenIsFainter) {
+TEST_F(Drawing, HiddenLinesAreFainter) {
   LineDrawing drawing(view_, distance_m_);
   drawing.line({-1.2, 0, 3}, {1.2, 0, 3}, pen_);      // behind the wall and beside it
   drawing.line({-0.4, 0.2, 1}, {0.4, 0.2, 1}, pen_);  // in front of the wall

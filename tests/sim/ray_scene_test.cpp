@@ -117,7 +117,7 @@ TEST(RayScene, ClosedSurfacesDoNotLeak) {
   }
 }
 
-TEST(RayScene, TellsWhichObjectIsNearest) {
+TEST(RayScene, ReturnsTheNearestObject) {
   const Pose far{Eigen::Matrix3d::Identity(), {0, 0, 2}}, near{Eigen::Matrix3d::Identity(), {0, 0, 1}};
   const RayScene world =
       world_with({grey_object(plane_mesh(2, 2), far, 0.2), grey_object(box_mesh({0.2, 0.2, 0.2}), near, 0.7)});

@@ -108,7 +108,7 @@ TEST_F(SceneDraws, TheResolvedSceneIsThatWorld) {
   }
 }
 
-TEST_F(SceneDraws, WhatIsNoDistributionIsRefused) {
+TEST_F(SceneDraws, InvalidDistributionsAreRefused) {
   const std::string place = (temp_ / "scene.yaml").string() + ":5: ";
   const auto says = [&](const std::string& text, const std::string& what) {
     EXPECT_THAT(error_of([&] { load_scene(file(text)); }), testing::AllOf(testing::StartsWith(place), HasSubstr(what)));

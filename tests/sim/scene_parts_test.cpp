@@ -159,7 +159,7 @@ TEST_F(SceneParts, RoutesOfEachKind) {
   EXPECT_EQ(route("{file: route.tum}")[1].timestamp_s, 1.5);
 }
 
-TEST_F(SceneParts, RoutesThatCannotBe) {
+TEST_F(SceneParts, InvalidRoutes) {
   const auto refused = [&](const std::string& trajectory) { return error_of([&] { route(trajectory); }); };
   EXPECT_THAT(refused("{poses: []}"), HasSubstr("at least 1 pose"));
   EXPECT_THAT(refused("{spline: {waypoints: [{}], count: 5}}"), HasSubstr("at least 2 poses"));
@@ -269,7 +269,7 @@ TEST_F(SceneParts, EveryKindOfPieceFitsItsSize) {
   }
 }
 
-TEST_F(SceneParts, HashesOfFilesDependOnTheirContentWhateverTheirSize) {
+TEST_F(SceneParts, HashesOfFilesOfAnySizeDependOnTheirContent) {
   const auto small = file("small.ply", "content");
   EXPECT_EQ(contents_hash({small}), content_hash(content_hash("content") + "\n"));
   EXPECT_EQ(contents_hash({file("empty.ply", "")}), content_hash(content_hash("") + "\n"));
@@ -283,7 +283,7 @@ TEST_F(SceneParts, HashesOfFilesDependOnTheirContentWhateverTheirSize) {
   EXPECT_NE(contents_hash({large}), before);
 }
 
-TEST_F(SceneParts, FilesThatCannotBeReadAreToldApart) {
+TEST_F(SceneParts, UnreadableFilesAreDistinguished) {
   // Even the superuser cannot read a folder.
   const std::filesystem::path folder = temp_ / "folder";
   std::filesystem::create_directory(folder);

@@ -58,7 +58,7 @@ TEST_F(SceneVariant, ChangesReachMapsListsAndWhatIsNotThere) {
   EXPECT_EQ(scene.rig.sensor.full_well_electrons, plain.rig.sensor.full_well_electrons);
 }
 
-TEST_F(SceneVariant, WhatIsResolvedSaysTheSame) {
+TEST_F(SceneVariant, ResolvedItDescribesTheSameScene) {
   const Scene scene = with({{"rig.camera.sensor.bits", "12"}, {"light.ambient_lux", "{uniform: [10, 20]}"}});
   write_text(temp_ / "resolved.yaml", scene.resolved);
   const Scene again = load_scene(temp_ / "resolved.yaml");
@@ -306,7 +306,7 @@ TEST_F(SceneVariant, WrongPlacesAreReportedWhereTheyAreGiven) {
 }
 
 // The same text in any folder; a relative path would mean another file there.
-TEST_F(SceneVariant, WhatIsResolvedForTheRootFolderHasAbsolutePaths) {
+TEST_F(SceneVariant, ResolvedForTheRootFolderItHasAbsolutePaths) {
   write_text(temp_ / "mesh.obj", "v 0 0 0\nv 0.3 0 0\nv 0 0.2 0\nf 1 2 3\n");
   write_text(temp_ / "trajectory.tum", "0 0.1 0 0 0 0 0 1\n0.5 0.2 0 0 0 0 0 1\n");
   write_text(temp_ / "more.yaml", "objects: [{shape: mesh, file: mesh.obj, unit_m: 1, up: z}]\n");

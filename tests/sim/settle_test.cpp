@@ -137,7 +137,7 @@ TEST(Settle, ABodyWithoutVolumeIsRefused) {
 }
 
 // Heavy boxes penetrate light ones and are dropped again, between the same walls as at first.
-TEST(Settle, WhatIsDroppedAgainStaysWithinTheWalls) {
+TEST(Settle, ObjectsDroppedAgainStayWithinTheWalls) {
   constexpr uint64_t kSeed = 33;  // without walls, one of the boxes that are dropped again falls out of the area
   constexpr DropArea kWalled{0.3, 0.3, 0.05};
   Boxes pile = boxes(8, kSeed);

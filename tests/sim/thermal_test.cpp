@@ -118,7 +118,7 @@ TEST(Thermal, FurnaceReadsItsTemperatureEverywhere) {
   for (const float t : image_of(scene)) EXPECT_NEAR(t, 37, 1e-4);
 }
 
-TEST(Thermal, WhatNamesNoTemperatureHasThatOfTheSurroundings) {
+TEST(Thermal, MaterialsWithoutATemperatureHaveThatOfTheSurroundings) {
   Scene scene = wall(0, 0.7);
   scene.objects[0].material.temperature_c.reset();
   scene.surroundings_c = -4;
@@ -200,7 +200,7 @@ TEST(Thermal, QuantisedTemperaturesAreHundredthsOfAKelvin) {
   EXPECT_NEAR(centre(image), 31.23456, 0.005 + 1e-5);
 }
 
-TEST(Thermal, SameBytesWhateverTheThreads) {
+TEST(Thermal, BytesDoNotDependOnTheNumberOfThreads) {
   ThermalCamera thermal = plain_camera();
   thermal.netd_k = 0.05;
   thermal.blur_px = 0.6;

@@ -133,7 +133,7 @@ TEST(StudyFile, IsReadAndItsCommandSaysTheSame) {
               HasSubstr(" --seed " + std::to_string(trial.world_seed) + " --views 8 --with "));
 }
 
-TEST(StudyFile, WhatIsWrongIsSaidWithItsLine) {
+TEST(StudyFile, ErrorsAreReportedWithTheirLine) {
   struct Case {
     const char *what, *by;
     int line;

@@ -156,7 +156,7 @@ TEST_F(StudyVerb, ATrialThatTakesTooLongIsStopped) {
               HasSubstr(R"("outcome":"timed_out","cause":"timed_out","message":"took longer than 2 s")"));
 }
 
-TEST_F(StudyVerb, WhatAWorldRefusesIsAResult) {
+TEST_F(StudyVerb, ATrialWithAnInvalidWorldIsAResult) {
   // In every second trial far_m is below near_m, which is rejected.
   const std::string file = study(
       replaced(test::kSmallStudy, "light.ambient_lux: {log_uniform: [10, 5000]}", "rig.far_m: {grid: [1.4, 0.1]}"));

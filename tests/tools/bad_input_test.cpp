@@ -74,7 +74,7 @@ TEST_F(BadInput, MissingRigFile) { expect_scene_refused("file: rig.yaml", "file:
 TEST_F(BadInput, TooFewSteps) { expect_scene_refused("steps: 3", "steps: 2", "'steps' is 2"); }
 TEST_F(BadInput, NanMotion) { expect_scene_refused("[10, 5, -5]", "[10, .nan, -5]", "'translation_mm' is nan"); }
 
-TEST_F(BadInput, LightThatCannotBe) {
+TEST_F(BadInput, InvalidLight) {
   const std::string ambient = "  ambient_lux: 290";
   expect_scene_refused(ambient, "  ambient_lux: -1", "'ambient_lux' is -1");
   expect_scene_refused(ambient, "  bounces: -2", "'bounces' is -2");
@@ -85,7 +85,7 @@ TEST_F(BadInput, LightThatCannotBe) {
   expect_scene_refused("patterns:\n", "dust: {cover: 1, up: [0, 0, 0]}\npatterns:\n", "'up' has no direction");
 }
 
-TEST_F(BadInput, MaterialThatCannotBe) {
+TEST_F(BadInput, InvalidMaterial) {
   const std::string table = "grain: wood, albedo: 0.4,";
   expect_scene_refused(table, "grain: wood, albedo: 1.4,", "'albedo' is 1.4");
   expect_scene_refused(table, "grain: wood, albedo: 0.4, roughness: 0,", "'roughness' is 0");
@@ -100,7 +100,7 @@ TEST_F(BadInput, MaterialThatCannotBe) {
                        "no.png does not exist");
 }
 
-TEST_F(BadInput, MeshThatCannotBe) {
+TEST_F(BadInput, InvalidMesh) {
   const std::string plane = "{shape: plane, size_m: [0.8, 0.8], material: table}";
   expect_scene_refused(plane, "{shape: mesh, file: no.obj}", "no.obj does not exist");
   test::write_bytes(scene_ / "junk.obj", "v 0 0 0\nf 1 2 3\n");
@@ -110,7 +110,7 @@ TEST_F(BadInput, MeshThatCannotBe) {
   expect_scene_refused(plane, "{shape: mesh, file: good.obj, up: w}", "'up: w' is not one of");
 }
 
-TEST_F(BadInput, RigThatCannotBe) {
+TEST_F(BadInput, InvalidRig) {
   const std::string good = test::read_bytes(scene_ / "rig.yaml");
   const auto refused = [&](const std::string& from, const std::string& to, const std::string& says) {
     const size_t at = good.find(from);
@@ -209,7 +209,7 @@ TEST_F(BadInput, MeshSettingWithoutAMesh) {
   expect_refused_by("run", scene_, {"mesh.* settings have no effect without --mesh"}, {"--set", "mesh.max_step_m=0.1"});
 }
 
-TEST_F(BadInput, SeedThatIsNone) {
+TEST_F(BadInput, InvalidSeed) {
   expect_refused_by("run", scene_, {"--seed"}, {"--seed", "-1"});
   expect_refused_by("run", scene_, {"--seed"}, {"--seed", "1.5"});
 }
@@ -245,7 +245,7 @@ TEST_F(BadInput, UnknownVerbAndMissingArguments) {
   expect_nothing_left();
 }
 
-TEST_F(BadInput, WhatCannotBeScored) {
+TEST_F(BadInput, UnscorableResults) {
   expect_refused(run_program({"score", scene_.string()}), {scene_.string() + ": "});
   const std::string none = (temp_ / "none.tum").string(), good = (temp_ / "good.tum").string();
   const std::string bad = (temp_ / "bad.tum").string();

@@ -308,7 +308,7 @@ TEST_F(Bags, NothingIsLeftOfWhatFails) {
 // --- broken bags ---
 
 // A recording that fills the disk is kept, and ROS repairs it.
-TEST_F(Bags, WhatFitsOnTheDiskIsKept) {
+TEST_F(Bags, MessagesThatFitOnTheDiskAreKept) {
   const test::fs::path kept = record_until_full("full.bag");
   EXPECT_EQ(kept, temp_ / "full.bag.unfinished");
   EXPECT_FALSE(test::fs::exists(temp_ / "full.bag"));

@@ -185,7 +185,7 @@ TEST_F(EightBitRecording, APartOfTheSequenceHasItsOwnTimes) {
               testing::ElementsAre(recorded.exposure_time_s[4], recorded.exposure_time_s[5]));
 }
 
-TEST_F(EightBitRecording, WithoutExposureTimesTheCameraRateTellsThem) {
+TEST_F(EightBitRecording, WithoutExposureTimesUsesTheCameraRate) {
   const test::fs::path file = folder_ / "stacks/000000/stack.yaml";
   const std::string whole = test::read_bytes(file);
   test::write_bytes(file, whole.substr(0, whole.find("exposure_time_s")));
@@ -247,7 +247,7 @@ TEST_P(ThermalRecording, ReplaysTheSameTemperatures) {
   }
 }
 
-TEST_P(ThermalRecording, WhatIsWrongIsNamed) {
+TEST_P(ThermalRecording, ErrorsNameTheirCause) {
   const std::string whole = test::read_bytes(image(1));
   test::write_bytes(image(1), whole.substr(0, whole.size() / 2));
   EXPECT_THAT(replay_error(), StartsWith(image(1).string() + ": "));

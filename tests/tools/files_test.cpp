@@ -215,7 +215,7 @@ TEST(StagedFolder, LeavesFoldersAloneThatOnlyLookLikeLeftovers) {
   EXPECT_EQ(test::read_bytes(temp / "runs.partial-result/config.yaml"), "precious");
 }
 
-// A process may die between creating a temporary folder and marking it; its mode tells it from the user's.
+// A process may die between creating a temporary folder and marking it; its mode distinguishes it from the user's.
 TEST(StagedFolder, RemovesAnEmptyFolderOnlyIfAProcessLeftIt) {
   const test::TempFolder temp;
   for (const std::string name : {"out.partial-backup", "x.partial-backup", "out.partial-a1B2c3"})
@@ -227,7 +227,7 @@ TEST(StagedFolder, RemovesAnEmptyFolderOnlyIfAProcessLeftIt) {
 }
 
 // Only what the result wrote goes with it, by whatever name it is called.
-TEST(StagedFolder, TellsWhatIsReplacedWithIt) {
+TEST(StagedFolder, ListsTheFilesItReplaces) {
   const test::TempFolder temp;
   const test::fs::path out = temp / "out";
   EXPECT_FALSE(is_replaced_with(out / kFile, out));

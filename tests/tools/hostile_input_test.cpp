@@ -351,7 +351,7 @@ TEST_F(HostileInput, NamesSendNoCommandsToTheTerminal) {
   expect_plain({"scene", "list", "--in", temp_.path().string()});
 }
 
-TEST_F(HostileInput, NumbersThatAreNone) {
+TEST_F(HostileInput, InvalidNumbers) {
   const std::string run = "PROGRAM run " + quoted(scene_.string()) + " --quiet --out " + quoted(out());
   for (const char* seed : {"-1", "12345678901234567890123", "1e3", "0x10", " 7"}) {
     const Finished finished = run_shell(run + " --seed " + quoted(seed));

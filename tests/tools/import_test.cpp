@@ -442,7 +442,7 @@ TEST_F(ImportProjected, OneUsedChannelIsThePattern) {
                          "these");
 }
 
-TEST_F(ImportProjected, WhatIsNotRecognizedIsNamedWithItsFile) {
+TEST_F(ImportProjected, UnrecognizedImagesAreReportedWithTheirFile) {
   write_image(temp_ / "p1.png", cv::Mat1b(16, 128, uchar{0}));
   EXPECT_THAT(error(), StartsWith(at("import.yaml") + ":4: " + at("p1.png") +
                                   ": is 128x16 px but the projector has 256x16 px; "));
@@ -946,7 +946,7 @@ TEST_P(OpenCvCalibration, EitherDirectionAndFormOfTheRotationIsTheSameRig) {
 INSTANTIATE_TEST_SUITE_P(Files, OpenCvCalibration, testing::Values(".yml", ".xml", ".json"),
                          [](const auto& test) { return test.param.substr(1); });
 
-TEST(OpenCvFiles, SeveralFilesWithOneNameAreToldApart) {
+TEST(OpenCvFiles, SeveralFilesWithOneNameAreDistinguished) {
   const test::TempFolder temp;
   const RigModel rig = test::thesis_rig();
   const auto intrinsics = [&](const std::string& name, const Pinhole& device) {

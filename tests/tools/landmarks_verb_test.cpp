@@ -58,7 +58,7 @@ TEST(LandmarksVerb, WritesPicturesAndTables) {
   EXPECT_EQ(rows, views[1]["depth_keypoints"]);
 }
 
-TEST(LandmarksVerb, TheSameWhateverTheThreads) {
+TEST(LandmarksVerb, ResultDoesNotDependOnTheNumberOfThreads) {
   const test::TempFolder temp;
   std::string first;
   for (const char* threads : {"1", "2"}) {

@@ -120,7 +120,7 @@ TEST_F(Score, VictimsOfLostViewsAreMissed) {
   EXPECT_EQ(score({at("run")}).at("victims").at("to_find"), 0);
 }
 
-TEST_F(Score, TheTrueSurfaceIsAPerfectMapWhateverTellsTheTruth) {
+TEST_F(Score, TheTrueSurfaceIsAPerfectMapForEachSourceOfTruth) {
   make_world();
   const json of_scene = score({at("world.ply"), "--truth", at("scene")});
   expect_perfect(of_scene);
@@ -236,7 +236,7 @@ TEST_F(Score, ARunIsScoredWithTheSameOptionsAsItsTrajectory) {
   expect_refused({at("run"), "--threshold", "1"}, "--threshold has no effect on a trajectory");
 }
 
-TEST_F(Score, WhatCannotBeScored) {
+TEST_F(Score, UnscorableInput) {
   const std::string tum = file("good.tum", "0 0 0 0 0 0 0 1\n1 1 0 0 0 0 0 1\n");
   const std::string csv = file("bad.csv", "#t\n0,0,0,0,1,0,0,0\n1000000000,0,0,0,1,0,0\n");
   const std::string head =
@@ -262,7 +262,7 @@ TEST_F(Score, WhatCannotBeScored) {
 }
 
 // A run has a trajectory.tum and a mesh.ply of its own, which must not be taken for those of its scene.
-TEST_F(Score, AFolderHasTheTruthOfItsSceneWhateverTheNamesOfItsFiles) {
+TEST_F(Score, AFolderHasTheTruthOfItsSceneForAnyNamesOfItsFiles) {
   make_world();
   PlyMap pyramid;
   pyramid.vertices = {{-0.1, -0.1, 0}, {0.1, -0.1, 0}, {0, 0.1, 0}, {0, 0, 0.1}};

@@ -107,7 +107,7 @@ TEST_F(ManyViews, AreCountedInContinuousMotion) {
 
 // Predicted unwrapping (docs/method.md, section 3.2): three images where the map predicts the fringe orders, otherwise
 // all nine.
-TEST_F(ManyViews, TakeTheFinestFringesAloneWhereTheMapTellsTheirOrders) {
+TEST_F(ManyViews, TakeTheFinestFringesAloneWhereTheMapDeterminesTheirOrders) {
   // Rocks instead of boxes: on a bare table only the boxes' walls constrain the pose, but near walls the fringe order
   // cannot be predicted at first.
   const std::string here = scene("stones", repeated(kStep, 5));
@@ -243,7 +243,7 @@ TEST_F(ManyViews, GoOnInASavedMapInMotion) {
   EXPECT_LT(read("after/score.json")["trajectory"]["ate_rmse_mm"], 0.3);
 }
 
-TEST_F(ManyViews, AMapThatIsNoneIsRefused) {
+TEST_F(ManyViews, AFileThatIsNoMapIsRefused) {
   const std::string here = scene("scene", kStep);
   run(here, "run", {"--save-map"});
   const std::string map = test::read_bytes(temp_ / "run/saved.map");

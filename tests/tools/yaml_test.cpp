@@ -136,7 +136,7 @@ TEST(Yaml, BinaryDataIsRefused) {
 }
 
 // Refuses input that would exhaust stack, memory or time, or that would be ignored silently.
-TEST(Yaml, WhatIsBeyondMeasureIsRefused) {
+TEST(Yaml, ExcessiveValuesAreRefused) {
   const auto refused = [](const std::string& text, int line, const std::string& says) {
     EXPECT_THAT(message_of([&] { YamlMap::parse(text, "f.yaml"); }),
                 AllOf(StartsWith("f.yaml:" + std::to_string(line) + ": "), HasSubstr(says)));
@@ -164,14 +164,14 @@ TEST(Yaml, WhatIsBeyondMeasureIsRefused) {
   EXPECT_THAT(message_of([&] { YamlMap::load("/dev/zero"); }), StartsWith("/dev/zero: is not a regular file"));
 }
 
-TEST(Yaml, WhatIsMerelyLargeIsRead) {
+TEST(Yaml, LargeValuesAreRead) {
   EXPECT_NO_THROW(YamlMap::parse("a: " + std::string(62, '[') + std::string(62, ']') + "\n", "f.yaml"));
   std::string keys;
   for (int i = 0; i < 1000; ++i) keys += "key" + std::to_string(i) + ": 1\n";
   EXPECT_NO_THROW(YamlMap::parse(keys, "f.yaml"));
 }
 
-TEST(Yaml, AMessageIsOneLineWhateverItQuotes) {
+TEST(Yaml, AMessageIsOneLineForAnyQuotedText) {
   EXPECT_EQ(message_of([] { YamlMap::parse("\"a\\n\\e[2Jb\\0\": 1\n", "f.yaml").finish(); }),
             "f.yaml:1: unknown key 'a  [2Jb '");
 }
