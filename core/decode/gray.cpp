@@ -167,9 +167,13 @@ GrayDecoder::Reading GrayDecoder::read(const RowPlan& camera, const float* const
       reading.far += wrong;
       continue;
     }
-    const int off = cells_off(code, i);
     reading.neighbour += wrong;
-    reading.variance_cells2 += wrong * off * off;
+    // At the edge between two cells, where the bit that differs has little contrast, the error is half a cell with either
+    // value: a flip changes its square by twice the distance from the edge.
+    const int off = cells_off(code, i);
+    const double squared =
+        off > 1 ? off * off : std::min(1.0, static_cast<double>(contrast / reading.best_contrast_dn));
+    reading.variance_cells2 += wrong * squared;
   }
   reading.contrast_dn = is_neighbour(code, which) ? next : faintest;
   return reading;

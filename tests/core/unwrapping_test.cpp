@@ -297,6 +297,47 @@ TEST(Gray, AloneGivesItsCells) {
   }
 }
 
+// A lens spreads the edges between cells over two projector pixels, where noise often flips the bit that differs.
+TEST(Gray, AloneHasTheSigmaOfItsErrors) {
+  constexpr int kWidth = 20000, kParts = 40;
+  constexpr double kBlur_px = 1;
+  PatternSequence sequence{1024, 768, gray_patterns(Axis::columns, 2, 1024, 9)};
+  for (Pattern pattern : gray_patterns(Axis::columns, 2, 1024, 9)) {
+    pattern.inverted = true;
+    sequence.patterns.push_back(pattern);
+  }
+  for (const double gain : {0.05, 0.5}) {
+    RigModel rig = plain_rig();
+    rig.sensor.gain_dn_per_electron = gain;
+    rig.sensor.dark_noise_electrons = 0;
+    Random random(7);
+    const cv::Mat1d truth = support::ramp(2, 1020, kWidth);
+    std::vector<cv::Mat> images;
+    for (const Pattern& pattern : sequence.patterns) {
+      cv::Mat1b image(1, kWidth);
+      for (int i = 0; i < kWidth; ++i) {
+        double share = 0;
+        for (int part = 0; part < kParts; ++part)
+          share += ideal_intensity(pattern, truth(i) + kBlur_px * ((2 * part + 1.0) / kParts - 1)) / kParts;
+        const double level = 30 + 150 * share;
+        image(i) = cv::saturate_cast<uchar>(level + std::sqrt(level * gain) * random.normal());
+      }
+      images.push_back(image);
+    }
+    const DecodedStack decoded = decode(stack_of(sequence, images), rig, {});
+    double squares = 0;
+    int valid = 0;
+    for (int i = 0; i < kWidth; ++i) {
+      if (std::isnan(decoded.sigma_px(i))) continue;
+      const double sigmas = (decoded.coordinate_px(i) - truth(i)) / static_cast<double>(decoded.sigma_px(i));
+      squares += sigmas * sigmas;
+      ++valid;
+    }
+    EXPECT_GT(valid, 0.99 * kWidth);
+    EXPECT_NEAR(squares / valid, 1, 0.1) << "gain " << gain;
+  }
+}
+
 TEST(Gray, AloneHasAnyCells) {
   SequenceDesign design = design_of({});
   design.gray_cell_px = 1;
