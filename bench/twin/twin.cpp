@@ -11,6 +11,7 @@
 #include "core/decode/decode.h"
 #include "core/decode/exposures.h"
 #include "core/depth/depth.h"
+#include "core/depth/triangulation.h"
 #include "core/io/files.h"
 #include "core/patterns/patterns.h"
 #include "core/rig/rig_file.h"
@@ -248,10 +249,11 @@ void write_albedo(const fs::path& folder, const cv::Mat1f& albedo) {
 
 void write_scene(const fs::path& folder, const std::string& name, const RigModel& rig, const Lighting& light) {
   write_text(folder / "rig.yaml", to_yaml(rig));
+  const std::string render = states_defocus(rig.camera_lens) ? "" : "; render it with render.depth_of_field=false";
   write_text(folder / "scene.yaml",
-             "name: " + name + "\ndescription: Digital twin of a real capture\nrig: {file: rig.yaml}\npatterns: " +
-                 "{axis: columns, steps: 3, periods_px: [" + std::to_string(rig.projector.width) +
-                 "]}\nlight: {ambient_lux: " + to_text(light.ambient_lux) +
+             "name: " + name + "\ndescription: Digital twin of a real capture" + render +
+                 "\nrig: {file: rig.yaml}\npatterns: " + "{axis: columns, steps: 3, periods_px: [" +
+                 std::to_string(rig.projector.width) + "]}\nlight: {ambient_lux: " + to_text(light.ambient_lux) +
                  ", exposure_s: " + to_text(light.exposure_s) +
                  "}\nobjects:\n  - {shape: mesh, file: surface.obj, unit_m: 1, up: z}\ntrajectory: {}\n");
 }
@@ -261,6 +263,9 @@ FringeStack simulated(const fs::path& folder, const PatternSequence& sequence, b
   sim::RenderOptions options;
   options.samples_per_pixel = kSamplesPerPixel;
   options.noise = options.quantise = noise;
+  // A capture does not separate the blur of the two lenses: the projector's has all of it. A camera lens that is only nominal
+  // adds none.
+  options.effects.depth_of_field = states_defocus(scene.rig.camera_lens);
   sim::VirtualRig rig(scene, options);
   return rig.simulate(sequence)->stack;
 }

@@ -18,6 +18,11 @@
 
 namespace fringeslam {
 
+bool states_defocus(const CameraLens& lens) {
+  const CameraLens nominal;
+  return lens.pixel_m != nominal.pixel_m || lens.f_number != nominal.f_number || lens.focus_m != nominal.focus_m;
+}
+
 namespace {
 
 constexpr int kDegree = Triangulation::kDegree;
@@ -115,11 +120,9 @@ double clipped(const Coordinate& coordinate, const Scale& scale, double end, dou
 // Pixels are squares, and the circle of confusion is a uniform disc, whose variance along an axis is a sixteenth of its squared
 // diameter.
 Triangulation::PointSpread point_spread_of(const RigModel& rig) {
-  const CameraLens &lens = rig.camera_lens, nominal;
-  const bool stated =
-      lens.pixel_m != nominal.pixel_m || lens.f_number != nominal.f_number || lens.focus_m != nominal.focus_m;
+  const CameraLens& lens = rig.camera_lens;
   // Diameter per difference of the inverse depth from that of the focus.
-  const double circle_px_m = stated ? camera_pupil_m(rig) * rig.camera.fx : 0;
+  const double circle_px_m = states_defocus(lens) ? camera_pupil_m(rig) * rig.camera.fx : 0;
   return {static_cast<float>(1.0 / 12 + lens.blur_px * lens.blur_px),
           static_cast<float>(circle_px_m * circle_px_m / 16), static_cast<float>(1 / lens.focus_m)};
 }

@@ -4,8 +4,10 @@
 #include <Eigen/Dense>
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numbers>
 #include <numeric>
+#include <vector>
 
 #include "core/base/parallel.h"
 
@@ -79,8 +81,36 @@ Eigen::Vector2d on_disc(double a, double b) {
   return {r * std::cos(phi), r * std::sin(phi)};
 }
 
+// Midpoints of `side` intervals of (-1, 1) in an order that changes its sign when it is reversed, as different from their own as
+// possible.
+std::vector<double> shuffled_places(int side) {
+  const int half = side / 2;
+  std::vector<double> best(static_cast<size_t>(side), 0.0);
+  double least = std::numeric_limits<double>::infinity();
+  for (int stride = 1; stride <= half; ++stride) {
+    if (std::gcd(stride, half) != 1) continue;
+    for (int first = 0; first < 2 * half; ++first) {
+      std::vector<double> places(best.size(), 0.0);
+      double correlation = 0;
+      for (int i = 0; i < half; ++i) {
+        const double sign = (first + i) % 2 == 0 ? 1 : -1;
+        const double place = sign * ((2 * ((first / 2 + i * stride) % half) + 1.0) / side - 1);
+        places[static_cast<size_t>(i)] = place;
+        places[static_cast<size_t>(side - 1 - i)] = -place;
+        correlation += place * (2 * i + 1 - side);
+      }
+      if (std::abs(correlation) < least) {
+        least = std::abs(correlation);
+        best = places;
+      }
+    }
+  }
+  return best;
+}
+
 // Ray origins in about the unit pupil of a pixel's samples, whose positions in the pixel are given. They are the same for all
-// pixels and have zero mean, so that fringes on a defocused smooth surface are blurred but not randomly shifted. They have
+// pixels, and opposite to each other where the positions are, so that the blur is symmetric: a skew blur would shift edges and fringes
+// on a defocused surface, which calibrations take for a translation of the camera. They have
 // the variance of the unit disc, 1/4 along each axis, and do not widen or narrow the blur by correlation with the
 // positions in the pixel, so that the image of a fringe is blurred alike before and behind the focus.
 std::vector<Eigen::Vector2d> pupil_offsets(const std::vector<Eigen::Vector2d>& in_pixel) {
@@ -97,16 +127,16 @@ std::vector<Eigen::Vector2d> pupil_offsets(const std::vector<Eigen::Vector2d>& i
     return offsets;
   }
   const int side = static_cast<int>(std::lround(std::sqrt(per_pixel)));
-  int stride = std::max(1, static_cast<int>(std::lround(0.382 * side)));
-  while (std::gcd(stride, side) != 1) ++stride;
-  const auto place = [&](int i) { return (2 * (i * stride % side) + 1.0) / side - 1; };
-  // Rows of the pixel grid map to shuffled columns of the pupil grid; a linear map removes the remaining correlation.
+  const std::vector<double> places = shuffled_places(side);
+  const auto place = [&](int i) { return places[static_cast<size_t>(i)]; };
+  // Rows of the pixel grid map to shuffled columns of the pupil grid. A linear map removes the remaining correlation but for its
+  // antisymmetric part, as above.
   Eigen::Matrix2d correlation = Eigen::Matrix2d::Zero(), moments = Eigen::Matrix2d::Zero();
   for (int i = 0; i < per_pixel; ++i) {
-    offsets.push_back(on_disc(place(i / side), place(i % side)));
+    offsets.push_back(on_disc(-place(i / side), place(i % side)));
     correlation += offsets.back() * in_pixel[static_cast<size_t>(i)].transpose();
   }
-  const Eigen::Matrix2d pupil_from_pixel = correlation * pixel_moments.inverse();
+  const Eigen::Matrix2d pupil_from_pixel = 0.5 * (correlation + correlation.transpose()) * pixel_moments.inverse();
   for (int i = 0; i < per_pixel; ++i) {
     Eigen::Vector2d& offset = offsets[static_cast<size_t>(i)];
     offset -= pupil_from_pixel * in_pixel[static_cast<size_t>(i)];

@@ -152,6 +152,22 @@ TEST(SampleRays, PupilBlursAsADisc) {
   }
 }
 
+// Odd moments would shift edges and fringes before the focus, and by as much the other way behind it.
+TEST(SampleRays, PupilDoesNotSkewTheBlur) {
+  const Pinhole camera{3, 3, 1, 1, 0, 0, {}};  // rays are pixel coordinates
+  for (const int per_pixel : {4, 9, 16, 25, 36, 64}) {
+    const SampleRays rays = sample_rays(camera, per_pixel);
+    for (const double c : {-2.0, -0.5, 0.5, 2.0}) {
+      Eigen::Vector2d cubes = Eigen::Vector2d::Zero();
+      for (size_t s = 0; s < rays.pupil.size(); ++s) {
+        const Eigen::Vector2d at = rays.samples[s] + c * rays.pupil[s];
+        cubes += Eigen::Vector2d(at.array().cube()) / per_pixel;
+      }
+      EXPECT_LT(cubes.norm(), 1e-12) << per_pixel << " " << c;
+    }
+  }
+}
+
 TEST(SampleRays, DistortionIsTakenOut) {
   const Pinhole camera{101, 81, 300, 300, 50, 40, {-0.2, 0.05, 0.001, -0.001, 0}};
   const SampleRays rays = sample_rays(camera, 1);
