@@ -61,7 +61,7 @@ Scene board(const Lens& lens) {
 }
 
 Errors errors_of(const Scene& scene) {
-  const auto view = VirtualRig(scene, {16, false, false}).simulate(scene.patterns);
+  const auto view = VirtualRig(scene, {36, false, false}).simulate(scene.patterns);
   const DecodedStack decoded = decode(view->stack, scene.rig, {});
   DepthOptions on, off;
   on.texture_correction = true, off.texture_correction = false;
