@@ -109,10 +109,10 @@ std::vector<double> shuffled_places(int side) {
 }
 
 // Ray origins in about the unit pupil of a pixel's samples, whose positions in the pixel are given. They are the same for all
-// pixels, and opposite to each other where the positions are, so that the blur is symmetric: a skew blur would shift edges and fringes
-// on a defocused surface, which calibrations take for a translation of the camera. They have
-// the variance of the unit disc, 1/4 along each axis, and do not widen or narrow the blur by correlation with the
-// positions in the pixel, so that the image of a fringe is blurred alike before and behind the focus.
+// pixels, and opposite to each other where the positions are, so that the blur is symmetric: a skew blur would shift edges and
+// fringes on a defocused surface, which calibrations take for a translation of the camera. They have the variance of the unit
+// disc, 1/4 along each axis, and do not widen or narrow the blur by correlation with the positions in the pixel, so that the
+// image of a fringe is blurred alike before and behind the focus.
 std::vector<Eigen::Vector2d> pupil_offsets(const std::vector<Eigen::Vector2d>& in_pixel) {
   const auto per_pixel = static_cast<int>(in_pixel.size());
   if (per_pixel == 1) return {{0, 0}};  // a single ray has no depth of field
@@ -120,8 +120,8 @@ std::vector<Eigen::Vector2d> pupil_offsets(const std::vector<Eigen::Vector2d>& i
   for (const Eigen::Vector2d& p : in_pixel) pixel_moments += p * p.transpose();
   std::vector<Eigen::Vector2d> offsets;
   if (per_pixel == 4) {
-    // Four starting points cannot be uncorrelated with the positions in the pixel; a quarter turn makes the correlation antisymmetric, so that it
-    // cancels in the covariance of the blur.
+    // Four starting points cannot be uncorrelated with the positions in the pixel; a quarter turn makes the correlation
+    // antisymmetric, so that it cancels in the covariance of the blur.
     const double scale = std::sqrt(0.5 * per_pixel / pixel_moments.trace());
     for (const Eigen::Vector2d& p : in_pixel) offsets.emplace_back(-scale * p.y(), scale * p.x());
     return offsets;

@@ -61,6 +61,25 @@ SequenceDesign codes_design(std::vector<double> stripes_px) {
   return design;
 }
 
+// A Gray code alone, followed by its inverted images.
+PatternSequence gray_with_inverses(double cell_px, int bits) {
+  PatternSequence sequence{1024, 768, gray_patterns(Axis::columns, cell_px, 1024, bits)};
+  for (Pattern pattern : gray_patterns(Axis::columns, cell_px, 1024, bits)) {
+    pattern.inverted = true;
+    sequence.patterns.push_back(pattern);
+  }
+  return sequence;
+}
+
+// Returns the intensity of a pattern, averaged over a width.
+double blurred_intensity(const Pattern& pattern, double coordinate_px, double width_px) {
+  constexpr int kSamples = 16;
+  double light = 0;
+  for (int s = 0; s < kSamples; ++s)
+    light += ideal_intensity(pattern, coordinate_px + width_px * ((s + 0.5) / kSamples - 0.5)) / kSamples;
+  return light;
+}
+
 RigModel plain_rig() {
   RigModel rig;
   rig.camera = {64, 48, 200, 200, 31.5, 23.5, {}};
@@ -277,11 +296,7 @@ TEST(Predicted, LooksAtTheFinestPeriodAlone) {
 }
 
 TEST(Gray, AloneGivesItsCells) {
-  PatternSequence sequence{1024, 768, gray_patterns(Axis::columns, 4, 1024, 8)};
-  for (Pattern pattern : gray_patterns(Axis::columns, 4, 1024, 8)) {
-    pattern.inverted = true;
-    sequence.patterns.push_back(pattern);
-  }
+  const PatternSequence sequence = gray_with_inverses(4, 8);
   const RigModel rig = plain_rig();
   std::vector<cv::Mat> images;
   const cv::Mat1d truth = support::ramp(1.2, 1021, 600);
@@ -299,13 +314,9 @@ TEST(Gray, AloneGivesItsCells) {
 
 // A lens spreads the edges between cells over two projector pixels, where noise often flips the bit that differs.
 TEST(Gray, AloneHasTheSigmaOfItsErrors) {
-  constexpr int kWidth = 20000, kParts = 40;
-  constexpr double kBlur_px = 1;
-  PatternSequence sequence{1024, 768, gray_patterns(Axis::columns, 2, 1024, 9)};
-  for (Pattern pattern : gray_patterns(Axis::columns, 2, 1024, 9)) {
-    pattern.inverted = true;
-    sequence.patterns.push_back(pattern);
-  }
+  constexpr int kWidth = 20000;
+  constexpr double kBlur_px = 2;
+  const PatternSequence sequence = gray_with_inverses(2, 9);
   for (const double gain : {0.05, 0.5}) {
     RigModel rig = plain_rig();
     rig.sensor.gain_dn_per_electron = gain;
@@ -316,10 +327,7 @@ TEST(Gray, AloneHasTheSigmaOfItsErrors) {
     for (const Pattern& pattern : sequence.patterns) {
       cv::Mat1b image(1, kWidth);
       for (int i = 0; i < kWidth; ++i) {
-        double share = 0;
-        for (int part = 0; part < kParts; ++part)
-          share += ideal_intensity(pattern, truth(i) + kBlur_px * ((2 * part + 1.0) / kParts - 1)) / kParts;
-        const double level = 30 + 150 * share;
+        const double level = 30 + 150 * blurred_intensity(pattern, truth(i), kBlur_px);
         image(i) = cv::saturate_cast<uchar>(level + std::sqrt(level * gain) * random.normal());
       }
       images.push_back(image);
@@ -389,16 +397,14 @@ TEST(Gray, BitsCombinedByXorNumberThePeriods) {
     const PatternSequence sequence = design_sequence(design);
     const RigModel rig = plain_rig();
     Random random(5);
-    constexpr int kPixels = 4000, kSamples = 16;
+    constexpr int kPixels = 4000;
     constexpr double kBlur_px = 2;
     const cv::Mat1d truth = support::ramp(1.2, 1021, kPixels);
     std::vector<cv::Mat> images;
     for (const Pattern& pattern : sequence.patterns) {
       cv::Mat1b image(1, kPixels);
       for (int i = 0; i < kPixels; ++i) {
-        double light = 0;
-        for (int s = 0; s < kSamples; ++s)
-          light += ideal_intensity(pattern, truth(i) + kBlur_px * ((s + 0.5) / kSamples - 0.5)) / kSamples;
+        const double light = blurred_intensity(pattern, truth(i), kBlur_px);
         image(i) = cv::saturate_cast<uchar>(30 + 150 * light + random.normal());
       }
       images.push_back(image);
