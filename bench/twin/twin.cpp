@@ -11,11 +11,11 @@
 #include "core/decode/decode.h"
 #include "core/decode/exposures.h"
 #include "core/depth/depth.h"
-#include "core/depth/triangulation.h"
 #include "core/io/files.h"
 #include "core/patterns/patterns.h"
 #include "core/rig/rig_file.h"
 #include "core/score/local_scatter.h"
+#include "core/types/camera_pupil.h"
 #include "core/types/grey_value.h"
 #include "sim/virtual_rig.h"
 

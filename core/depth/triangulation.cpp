@@ -18,11 +18,6 @@
 
 namespace fringeslam {
 
-bool states_defocus(const CameraLens& lens) {
-  const CameraLens nominal;
-  return lens.pixel_m != nominal.pixel_m || lens.f_number != nominal.f_number || lens.focus_m != nominal.focus_m;
-}
-
 namespace {
 
 constexpr int kDegree = Triangulation::kDegree;

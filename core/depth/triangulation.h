@@ -28,9 +28,6 @@ struct TextureGradient {
   const float *gradient = nullptr, *noise = nullptr;
 };
 
-// True if the aperture and focus of the lens are stated, so that its defocus is known. Rigs of real captures often lack them.
-bool states_defocus(const CameraLens& lens);
-
 class Triangulation {
  public:
   static constexpr int kDegree = 5;
